@@ -1,0 +1,161 @@
+"""Command line: one subcommand a stage, and what a person asks of the plugins and the scene format.
+
+Make names the scene, the fog and the overrides in the environment (FOG_SCENE, FOG_NAME, FOG_OVERRIDES with one
+KEY=VALUE a line), so that no value passes through a shell.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.paths import SCHEMA, Build
+
+STAGES = {
+    "resolve": "scene file and overrides -> inputs",
+    "photograph": "photograph -> linear radiance",
+    "camera": "annotated lines -> camera",
+    "geometry": "annotated boxes and lights -> metres, depth",
+    "sun_direction": "windows and patches -> sun direction",
+    "illumination": "photograph -> light strengths",
+    "plan": "what must be rendered, and why",
+    "emit": "plan -> .pov files",
+    "render": ".pov files -> images, by POV-Ray",
+    "decompose": "images -> T and V",
+    "composite": "photograph, T and V -> foggy photograph",
+    "report": "overlay, manifest and report.html",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs one subcommand; 0, or 2 after one line about a person's mistake."""
+    try:
+        options = _parser().parse_args(arguments)
+        return options.run(options) or 0
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; what is finished is kept", file=sys.stderr)
+        return 130
+    except OSError as error:
+        if error.errno in (28, 122):  # ENOSPC, EDQUOT
+            print(f"error: {error.filename or 'build'}: the disk is full; free some space and run again", file=sys.stderr)
+            return 2
+        raise
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m pipeline", description="Physically based fog for one photograph.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
+                       ("run", "all stages, in order")]:
+        command = commands.add_parser(name, help=what, description=what)
+        command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
+        command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None, help="one of the scene's named fogs")
+        command.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
+        command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+        command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
+                             help="overrides a value of the scene, for example fog.visibility=3")
+        command.set_defaults(run=_run_all if name == "run" else _run_stage)
+    plugins = commands.add_parser("plugins", help="lists all plugins with their parameters and units")
+    plugins.set_defaults(run=_plugins)
+    schema = commands.add_parser("schema", help="writes the scene file's JSON Schema")
+    schema.add_argument("--output", type=Path, default=Path("scenes") / SCHEMA)
+    schema.set_defaults(run=_schema)
+    photos = commands.add_parser("photos", help="fetches the demo photographs that the repository does not carry")
+    photos.add_argument("--scenes", type=Path, default=Path("scenes"))
+    photos.add_argument("--scene", default=os.environ.get("FOG_SCENE") or None)
+    photos.set_defaults(run=_photos)
+    return parser
+
+
+def _build(options) -> Build:
+    if not options.scene:
+        raise InputError("no scene is named", place="command line", remedy="say which: make scene=bathroom")
+    return Build(options.scene, options.fog, options.scenes, options.build)
+
+
+def _overrides(options) -> dict[str, str]:
+    stated = [line for line in os.environ.get("FOG_OVERRIDES", "").splitlines() if line.strip()] + options.overrides
+    result = {}
+    for item in stated:
+        key, equals, value = item.strip().partition("=")
+        if not equals or not key:
+            raise InputError(f"'{item}' is no KEY=VALUE", place="command line", remedy="write fog.visibility=3")
+        result[key] = value
+    return result
+
+
+def _run_stage(options) -> None:
+    _stage(_build(options), options.command, options)
+
+
+def _run_all(options) -> None:
+    build = _build(options)
+    for name in STAGES:
+        _stage(build, name, options)
+
+
+def _stage(build: Build, name: str, options) -> None:
+    if name != "resolve":
+        print(f"{name}: {STAGES.get(name, 'checking')}", file=sys.stderr, flush=True)
+    module = importlib.import_module(f"pipeline.stages.{name}")
+    start = time.monotonic()
+    if name == "resolve":
+        module.run(build, _overrides(options))
+    else:
+        module.run(build)
+        from pipeline.scene.artefacts import write_json
+
+        write_json(build.seconds / f"{name}.json", round(time.monotonic() - start, 3))
+
+
+def _plugins(options) -> None:
+    from pipeline.plugins.base import KINDS, registry
+
+    for kind in KINDS:
+        print(kind)
+        for name, cls in sorted(registry(kind).items()):
+            print(f"  {name}: {(cls.__doc__ or '').strip().splitlines()[0]}")
+            for key, field in cls.model_fields.items():
+                if key == "type":
+                    continue
+                unit = (field.json_schema_extra or {}).get("unit", "")
+                bounds = " ".join(str(m).replace("Ge(ge=", ">= ").replace("Gt(gt=", "> ").replace("Le(le=", "<= ")
+                                  .replace("Lt(lt=", "< ").rstrip(")") for m in field.metadata
+                                  if type(m).__name__ in ("Ge", "Gt", "Le", "Lt"))
+                default = "required" if field.is_required() else f"default {field.default}"
+                print(f"    {key} [{unit or '-'}] {default} {bounds}".rstrip() + f": {field.description or ''}")
+
+
+def _schema(options) -> None:
+    from pipeline.imaging.atomic import replacing
+    from pipeline.scene.model import json_schema
+
+    with replacing(options.output) as name:
+        name.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
+
+
+def _photos(options) -> int:
+    from pipeline.imaging.fetch import fetch
+    from pipeline.paths import checked_name
+
+    names = [checked_name(options.scene, "scene")] if options.scene else sorted(
+        p.parent.name for p in options.scenes.glob("*/photograph.yaml"))
+    failed = 0
+    for name in names:
+        if not (options.scenes / name / "photograph.yaml").exists():
+            continue
+        try:
+            print(f"{name}: {fetch(options.scenes / name)}")
+        except InputError as error:  # one that is missing never breaks the rest
+            print(f"error: {error}", file=sys.stderr)
+            failed = 2
+    return failed

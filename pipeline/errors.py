@@ -1,0 +1,27 @@
+"""What a person did wrong, said in one line.
+
+Everything below raises `InputError` for a mistake that a person can mend; the command line prints
+its one line and exits with status 2. Any other exception is a bug of ours and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+
+class InputError(Exception):
+    """A mistake in a scene file, a photograph, a template, the command line or the machine's set-up.
+
+    `place` is where it stands (file, or file:line), `problem` what is wrong together with the
+    offending value, `remedy` what to do about it.
+    """
+
+    def __init__(self, problem: str, *, remedy: str, place: str | None = None):
+        self.place, self.problem, self.remedy = place, _one_line(problem), _one_line(remedy)
+        super().__init__(f"{place + ': ' if place else ''}{self.problem}; {self.remedy}")
+
+    def at(self, place: str) -> "InputError":
+        """The same mistake with its place filled in by a caller who knows the file."""
+        return self if self.place else InputError(self.problem, remedy=self.remedy, place=place)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

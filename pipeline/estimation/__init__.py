@@ -1,0 +1,1 @@
+"""What the photograph says about its light: directions and intensities from annotations."""

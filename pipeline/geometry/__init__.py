@@ -1,0 +1,1 @@
+"""Camera, planes, boxes and rays in world metres; pure functions, no files."""

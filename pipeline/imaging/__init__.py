@@ -1,0 +1,1 @@
+"""Photographs, maps and panoramas: the only modules that read and write image files."""

@@ -1,0 +1,32 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Iterator
+
+from pipeline.errors import InputError
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path` that takes its place when the block ends well.
+
+    The temporary name keeps the suffix, by which image libraries pick a format. Whatever goes wrong,
+    nothing is left behind and an older file at `path` stays as it was. An `OSError` in the block
+    (disk full, folder missing or not writable) becomes an `InputError`.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.partial{path.suffix}")
+    try:
+        yield partial
+        os.replace(partial, path)
+    except OSError as error:
+        raise InputError(f"cannot write the file: {error.strerror or error}",
+                         remedy="check that its folder exists, is writable and has space left",
+                         place=str(path)) from error
+    finally:
+        partial.unlink(missing_ok=True)

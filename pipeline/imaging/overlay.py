@@ -1,0 +1,381 @@
+"""Draws what was estimated over the photograph: camera frame, shapes, lights, windows, patches, shafts, sun.
+
+Colours follow Zhao et al. 2013, Fig. 6: windows red, sun patches green, a window cast along the sun purple,
+the edges of the sunlight's volume blue. Solid things are white (seen from inside) or cyan, lamps orange.
+Everything is clipped in 3D against the view's frustum before it is projected, so that what runs past the
+camera's side or behind it ends at the picture's border.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import cv2
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.geometry.camera import Camera
+from pipeline.geometry.planes import polygon_normal
+from pipeline.geometry.shaft import bounds_other_faces, shaft_hulls
+from pipeline.plugins.annotations import Outline, Position
+from pipeline.plugins.base import Light, Shape
+from pipeline.plugins.lights.sun import Opening, Sun
+
+#: Least and largest long side [pixel]: names must be legible, and a screen is not larger.
+LONG_SIDE = (1200, 2000)
+#: Drawn so many times finer and averaged: antialiasing of fills, lines and text alike.
+SUPERSAMPLING = 2
+COLOURS = {
+    "room": (255, 255, 255), "shape": (70, 225, 235), "lamp": (255, 165, 50), "window": (255, 85, 85),
+    "patch": (85, 235, 120), "cast": (205, 110, 255), "shaft": (85, 155, 255), "sun": (255, 236, 80),
+    "horizon": (190, 190, 190), "x": (255, 105, 105), "y": (120, 235, 120), "z": (120, 165, 255)}
+#: Depths of an edge and of the surface it lies on agree so far [share]: float32, and faces that coincide.
+COINCIDENT = 3e-3
+
+
+def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape], lights: Mapping[str, Light],
+            depth: np.ndarray, clicks: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> np.ndarray:
+    """The annotated picture (h, w, 3) uint8, of at most 2000 pixels on its long side.
+
+    photograph: (H, W, 3) uint8, RGB as on a screen. camera, shapes, lights: placed, of the photograph's size.
+    depth: (H, W) radial [m], tells hidden edges (thin) from visible ones. clicks: pairs of pixels (2,) of the
+    photograph, an annotated corner and the corner fitted to it.
+    """
+    canvas = Canvas(photograph, camera, depth)
+    for name, shape in shapes.items():
+        colour = COLOURS["shape" if shape.casts_shadow else "room"]
+        for a, b in _edges(shape.faces().values()):
+            canvas.edge(a, b, colour)
+        if shape.casts_shadow:
+            canvas.label(np.concatenate(list(shape.faces().values())), name, colour)
+    for name, light in lights.items():
+        if isinstance(light, Sun):
+            for key, opening in light.openings.items():
+                _draw_opening(canvas, name, key, opening, light.direction)
+        else:
+            _draw_lamp(canvas, name, light)
+    for clicked, fitted in clicks:
+        canvas.click(clicked, fitted)
+    canvas.horizon()
+    canvas.axes()
+    return canvas.finished()
+
+
+def cast_window(window: np.ndarray, direction: np.ndarray, patches: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Outlines (k, 3) [m], one a patch, of the window's light where it falls (Zhao et al. 2013, Fig. 6c).
+
+    Each lies in its patch's plane and ends where the plane of another patch, such as a wall behind the
+    floor, ends it; empty (0, 3) where the light does not reach that plane.
+    """
+    planes = [(lambda n, p: np.append(n, n @ p.mean(0)))(polygon_normal(p), p) for p in patches]
+    result = []
+    for i, plane in enumerate(planes):
+        rate = direction @ plane[:3]
+        travel = (plane[3] - window @ plane[:3]) / rate if abs(rate) > 1e-6 else np.array([-1.0])
+        if travel.min() < 0:  # parallel to the plane, or it lies behind the window
+            result.append(np.zeros((0, 3)))
+            continue
+        bounds = [_facing(other, window.mean(0)) for j, other in enumerate(planes)
+                  if j != i and bounds_other_faces(other, window, patches[i])]
+        result.append(clip_polygon(window + travel[:, None] * direction, np.reshape(bounds, (-1, 4))))
+    return result
+
+
+def _facing(plane: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """The half-space n . x + c >= 0 on that side of the plane n . x = offset where `point` is."""
+    half_space = np.append(plane[:3], -plane[3])
+    return half_space * (1.0 if half_space[:3] @ point + half_space[3] >= 0 else -1.0)
+
+
+def clip_segment(a: np.ndarray, b: np.ndarray, planes: np.ndarray) -> np.ndarray | None:
+    """Part (2, 3) of a segment where n . x + c >= 0 for all `planes` (m, 4); None where there is none."""
+    at_a, at_b = planes[:, :3] @ a + planes[:, 3], planes[:, :3] @ b + planes[:, 3]
+    if np.any((at_a < 0) & (at_b < 0)):
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = at_a / (at_a - at_b)
+    start = max([0.0, *crossing[at_a < 0]])
+    end = min([1.0, *crossing[at_b < 0]])
+    return np.stack([a + start * (b - a), a + end * (b - a)]) if start < end else None
+
+
+def clip_polygon(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Part (k, 3) of a polygon (n, 3) where n . x + c >= 0 for all `planes` (m, 4); k may be 0.
+
+    Sutherland and Hodgman 1974. Concave polygons may get edges along the planes, which a fill hides.
+    """
+    for plane in planes:
+        kept = []
+        height = points @ plane[:3] + plane[3]
+        for i, (p, h) in enumerate(zip(points, height)):
+            before, before_height = points[i - 1], height[i - 1]
+            if (h >= 0) != (before_height >= 0):
+                kept.append(before + (p - before) * (before_height / (before_height - h)))
+            if h >= 0:
+                kept.append(p)
+        points = np.reshape(kept, (-1, 3))
+        if not len(points):
+            break
+    return points
+
+
+class Canvas:
+    """The photograph at drawing size, and how world points come onto it."""
+
+    def __init__(self, photograph: np.ndarray, camera: Camera, depth: np.ndarray):
+        height, width = photograph.shape[:2]
+        long_side = max(height, width)
+        scale = float(np.clip(long_side, *LONG_SIDE)) / long_side
+        self.size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        size = (self.size[0] * SUPERSAMPLING, self.size[1] * SUPERSAMPLING)
+        enlarge = cv2.INTER_CUBIC if scale * SUPERSAMPLING > 1 and min(height, width) > 3 else cv2.INTER_AREA
+        # darker, so that lines stand out from white walls
+        self.image = (cv2.resize(photograph, size, interpolation=enlarge) * 0.72).astype(np.uint8)
+        self.plain = self.image.copy()
+        self.camera = camera.resized(*size)
+        self.depth = depth
+        self.farthest = cv2.dilate(depth.astype(np.float32), np.ones((3, 3), np.uint8))
+        self.unit = min(max(size), 2 * min(size)) / 1000
+        self.labels: list[tuple[np.ndarray, str, tuple]] = []
+        self.planes = self._frustum()
+
+    def _frustum(self) -> np.ndarray:
+        """(5, 4) half-spaces of the camera frame: before the near plane, and inside a margin of the picture."""
+        f, (cx, cy) = self.camera.focal_length, self.camera.principal_point
+        width, height, margin = self.camera.width, self.camera.height, 12 * self.unit
+        near = 1e-6 * max(float(self.depth.max()), 1e-12)  # any positive share: the sides bound the pixels
+        return np.array([[0, 0, 1, -near], [f, 0, cx + margin, 0], [-f, 0, width + margin - cx, 0],
+                         [0, f, cy + margin, 0], [0, -f, height + margin - cy, 0]], float)
+
+    def _in_camera(self, points: np.ndarray) -> np.ndarray:
+        return (np.asarray(points, float) - self.camera.position) @ self.camera.world_from_camera
+
+    def _pixels(self, in_camera: np.ndarray) -> np.ndarray:
+        return self.camera.focal_length * in_camera[..., :2] / in_camera[..., 2:] + self.camera.principal_point
+
+    def _stroke(self, pixels: np.ndarray, colour: tuple, width: float, cased: bool = True) -> None:
+        """A line through `pixels` (n, 2), in `width` thousandths of the picture, dark along its sides."""
+        points = [np.round(pixels * 16).astype(np.int32)]
+        strokes = [((0, 0, 0), width + 1.6), (colour, width)] if cased else [(colour, width)]
+        for tone, thickness in strokes:
+            cv2.polylines(self.image, points, False, tone, max(1, round(thickness * self.unit)), cv2.LINE_AA, 4)
+
+    def line(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 1.6, cased: bool = True
+             ) -> np.ndarray | None:
+        """A world segment; its visible ends' pixels (2, 2), or None."""
+        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
+        if part is None:
+            return None
+        pixels = self._pixels(part)
+        self._stroke(pixels, colour, width, cased)
+        return pixels
+
+    def edge(self, a: np.ndarray, b: np.ndarray, colour: tuple) -> None:
+        """A solid thing's edge: thick where it is seen, thin where something stands before it."""
+        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
+        if part is None:
+            return
+        # evenly spaced in the picture, not in space, or one that ends near the eye gets coarse
+        pixels = np.linspace(*self._pixels(part), 97)
+        share = np.linspace(0, 1, 97)
+        inverse = (1 - share) / part[0, 2] + share / part[1, 2]
+        middle = (inverse[1:] + inverse[:-1]) / 2
+        rays = (pixels[1:] + pixels[:-1]) / 2
+        beside = np.append((rays - self.camera.principal_point).T / self.camera.focal_length, [np.ones(96)], 0)
+        distance = np.linalg.norm(beside, axis=0) / middle
+        seen = distance <= self._looked_up(self.farthest, rays) * (1 + COINCIDENT)
+        first = 0
+        for i in range(1, 97):
+            if i == 96 or seen[i] != seen[first]:
+                self._stroke(pixels[first : i + 1], colour, 2.2 if seen[first] else 0.8, cased=bool(seen[first]))
+                first = i
+
+    def _looked_up(self, values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+        height, width = values.shape
+        u = np.clip(pixels[:, 0] * width / self.camera.width, 0, width - 1).astype(int)
+        v = np.clip(pixels[:, 1] * height / self.camera.height, 0, height - 1).astype(int)
+        return values[v, u]
+
+    def polygon(self, points: np.ndarray, colour: tuple, name: str = "", fill: float = 0.2, width: float = 2.2) -> None:
+        inside = clip_polygon(self._in_camera(points), self.planes)
+        if len(inside) >= 3:
+            mask = np.zeros(self.image.shape[:2], np.uint8)
+            cv2.fillPoly(mask, [np.round(self._pixels(inside) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+            rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+            if len(rows):
+                part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+                share = mask[part][..., None] * np.float32(fill / 255)
+                self.image[part] = self.image[part] * (1 - share) + np.array(colour, np.float32) * share
+        for a, b in zip(points, np.roll(points, -1, 0)):
+            self.line(a, b, colour, width)
+        if name:
+            self.label(points, name, colour)
+
+    def arrow(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 3.0) -> np.ndarray | None:
+        pixels = self.line(a, b, colour, width)
+        if pixels is None or np.linalg.norm(pixels[1] - pixels[0]) < 1:
+            return None
+        along = (pixels[1] - pixels[0]) / np.linalg.norm(pixels[1] - pixels[0])
+        across = np.array([-along[1], along[0]])
+        long = 5 * width * self.unit
+        head = pixels[1] + long * np.array([0 * along, -along + 0.42 * across, -along - 0.42 * across])
+        cv2.fillPoly(self.image, [np.round(head * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
+        cv2.polylines(self.image, [np.round(head * 16).astype(np.int32)], True, (0, 0, 0),
+                      max(1, round(0.6 * self.unit)), cv2.LINE_AA, 4)
+        return pixels[1]
+
+    def marker(self, point: np.ndarray, colour: tuple, name: str = "") -> None:
+        """A bulb: a cross with a ring."""
+        place = self._in_camera(point)
+        if (self.planes[:, :3] @ place + self.planes[:, 3]).min() < 0:
+            return
+        self._ring(self._pixels(place), colour, 6, 2.0)
+        self._cross(self._pixels(place), colour, 9, 1.6)
+        self.label(np.asarray(point)[None], name, colour)
+
+    def click(self, clicked: np.ndarray, fitted: np.ndarray) -> None:
+        """A cross where a person clicked, a ring where the fit put that corner, a line from one to the other."""
+        scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
+        clicked, fitted = np.asarray(clicked) * scale, np.asarray(fitted) * scale
+        reach = 2 * max(self.image.shape)
+        if not np.isfinite(fitted).all() or max(np.abs(clicked).max(), np.abs(fitted).max()) > reach:
+            return
+        self._stroke(np.stack([clicked, fitted]), (255, 60, 160), 1.0)
+        self._ring(fitted, (255, 255, 255), 5, 1.2)
+        self._cross(clicked, (255, 60, 160), 7, 1.2)
+
+    def _ring(self, pixel: np.ndarray, colour: tuple, radius: float, width: float) -> None:
+        turn = np.linspace(0, 2 * np.pi, 33)
+        self._stroke(pixel + radius * self.unit * np.stack([np.cos(turn), np.sin(turn)], 1), colour, width)
+
+    def _cross(self, pixel: np.ndarray, colour: tuple, reach: float, width: float) -> None:
+        for arm in ([1, 1], [1, -1]):
+            ends = np.outer([-1, 1], arm) * reach * self.unit / np.sqrt(2)
+            self._stroke(pixel + ends, colour, width)
+
+    def horizon(self) -> None:
+        """Where level rays meet infinity; none for a camera that looks straight up or down."""
+        ahead = self.camera.world_from_camera[:, 2] * [1, 0, 1]
+        if np.linalg.norm(ahead) < 1e-6:
+            return
+        beside = np.cross(ahead, [0, 1, 0])
+        middle = self.camera.position + float(self.depth.max()) * ahead
+        reach = 1e3 * float(self.depth.max()) * beside
+        pixels = self.line(middle - reach, middle + reach, COLOURS["horizon"], 1.0)
+        if pixels is not None:
+            end = pixels[np.argmax(pixels[:, 0])]
+            self.labels.append((end - [40 * self.unit, 0], "horizon", COLOURS["horizon"]))
+
+    def axes(self) -> None:
+        """The world's x, y and z, standing where most room is left on the floor, or on whatever is seen."""
+        step = max(1, round(max(self.depth.shape) / 120))
+        depth = self.depth[step // 2 :: step, step // 2 :: step]
+        rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
+        scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
+        pixels = (np.stack([columns, rows], -1) * step + step // 2 + 0.5) * scale
+        points = self.camera.position + depth[..., None] * self.camera.directions(pixels)
+        free = np.pad((self.image == self.plain).all(-1).astype(np.uint8), 1)  # a frame keeps it off the border
+        room = cv2.distanceTransform(free, cv2.DIST_L2, 3)[1:-1, 1:-1]
+        clearance = room[pixels[..., 1].astype(int), pixels[..., 0].astype(int)]
+        floor = np.abs(points[..., 1]) < COINCIDENT * depth
+        best = np.argmax(np.where(floor, clearance, -1) if floor.any() else clearance)
+        origin = points.reshape(-1, 3)[best]
+        # a round length whose picture is about an eighth of the photograph's
+        wanted = 0.13 * 1000 * self.unit * self._in_camera(origin)[2] / self.camera.focal_length
+        decade = 10.0 ** np.floor(np.log10(wanted))
+        length = decade * max(m for m in (1, 2, 5) if m * decade <= wanted * (1 + 1e-9))
+        for name, axis in zip("xyz", np.eye(3)):
+            tip = self.arrow(origin, origin + length * axis, COLOURS[name], 1.8)
+            if tip is not None:
+                start = self._pixels(self._in_camera(origin))
+                out = (tip - start) / max(np.linalg.norm(tip - start), 1e-9)
+                self.labels.append((tip + 16 * self.unit * out, name, COLOURS[name]))
+        below = self._pixels(self._in_camera(origin)) + [0, 22 * self.unit]
+        self.labels.append((below, f"{'floor, ' if floor.any() else ''}{length:g} m", (255, 255, 255)))
+
+    def label(self, points: np.ndarray, text: str, colour: tuple) -> None:
+        """Names the middle of what is seen of `points` (n, 3)."""
+        inside = self._in_camera(points)
+        inside = clip_polygon(inside, self.planes) if len(inside) in (3, 4) else inside[inside[:, 2] > 0]
+        if not len(inside):
+            return
+        pixels = self._pixels(inside)
+        low, high = np.zeros(2), np.array([self.camera.width, self.camera.height])
+        if (pixels.max(0) < low).any() or (pixels.min(0) > high).any():
+            return
+        self.labels.append((np.clip(pixels, low, high).mean(0), text, colour))
+
+    def finished(self) -> np.ndarray:
+        """Writes the names, each moved until it covers no other, and averages down."""
+        taken: list[tuple[float, float, float, float]] = []
+        for anchor, text, colour in self.labels:
+            self._write(anchor, text, colour, taken)
+        return cv2.resize(self.image, self.size, interpolation=cv2.INTER_AREA)
+
+    def _write(self, anchor: np.ndarray, text: str, colour: tuple, taken: list) -> None:
+        font, scale, thick = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * self.unit, max(1, round(0.9 * self.unit))
+        (width, height), below = cv2.getTextSize(text, font, scale, thick)
+        pad = 3.5 * self.unit
+        box = np.array([width + 2 * pad, height + below + 2 * pad])
+        room = np.array([self.camera.width, self.camera.height]) - box
+        if (room < 0).any():
+            return  # no place for names in so narrow a picture
+        steps = [(0, 0)] + [(x, y) for r in (1, 2, 3, 4) for x, y in ((0, r), (0, -r), (r / 2, 0), (-r / 2, 0))]
+        corners = [np.clip(anchor - box / 2 + np.multiply(step, box * 1.08), 0, room) for step in steps]
+        free = [c for c in corners if all((c + box <= t[:2]).any() or (c >= t[2:]).any() for t in np.reshape(taken, (-1, 4)))]
+        corner = free[0] if free else corners[0]
+        taken.append((*corner, *(corner + box)))
+        left, top = np.round(corner).astype(int)
+        right, bottom = np.round(corner + box).astype(int)
+        plate = self.image[top:bottom, left:right]
+        plate[:] = plate * np.float32(0.3) + np.float32(12)
+        origin = (int(left + pad), int(top + pad + height))
+        cv2.putText(self.image, text, origin, font, scale, colour, thick, cv2.LINE_AA)
+
+
+def _edges(faces) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Each edge of faces that share some, once."""
+    known = set()
+    for face in faces:
+        for a, b in zip(face, np.roll(face, -1, 0)):
+            ends = frozenset((a.tobytes(), b.tobytes()))
+            if ends not in known:
+                known.add(ends)
+                yield a, b
+
+
+def _draw_lamp(canvas: Canvas, name: str, light: Light) -> None:
+    """Whatever places the light: outlines and positions, of lights from outside packages too."""
+    placed = [value for _, value in light if isinstance(value, (Outline, Position))]
+    points = [value.vector for value in placed if isinstance(value, Position) and value.point is not None]
+    for a, b in zip(points, points[1:]):
+        canvas.arrow(a, b, COLOURS["lamp"], 1.6)
+    for value in placed:
+        if isinstance(value, Outline) and value.points is not None:
+            canvas.polygon(value.polygon, COLOURS["lamp"], name)
+    for point in points[:1]:
+        canvas.marker(point, COLOURS["lamp"], name)
+
+
+def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, direction: Sequence[float] | None) -> None:
+    window, patches = opening.window.polygon, [p.polygon for p in opening.patches]
+    try:
+        for hull in shaft_hulls(window, patches, key):
+            for a, b in _edges(hull.vertices[list(face)] for face in hull.faces):
+                canvas.line(a, b, COLOURS["shaft"], 1.6)
+            canvas.label((window.mean(0) + hull.vertices.mean(0))[None] / 2, "shaft", COLOURS["shaft"])
+    except InputError:
+        pass  # the stage that needs the volume refuses it with its reason; the rest is still worth seeing
+    for patch in patches:
+        canvas.polygon(patch, COLOURS["patch"], f"{name}.{key} patch")
+    canvas.polygon(window, COLOURS["window"], f"{name}.{key}")
+    if direction is None:
+        return
+    direction = np.asarray(direction, float)
+    for cast in cast_window(window, direction, patches):
+        if len(cast) >= 3:
+            canvas.polygon(cast, COLOURS["cast"], "cast", fill=0.12)
+    middle = window.mean(0)
+    length = np.linalg.norm(np.mean([p.mean(0) for p in patches], axis=0) - middle)
+    canvas.arrow(middle, middle + length * direction, COLOURS["sun"], 3.2)
+    canvas.label((middle + 0.62 * length * direction)[None], name, COLOURS["sun"])

@@ -1,0 +1,167 @@
+"""Every file name of the project stands here.
+
+build/SCENE/ holds what belongs to the photograph (camera, geometry, light) and the results of the scene's
+default fog; build/SCENE/FOG/ holds the results of the fog called FOG.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.errors import InputError
+
+PROJECT = Path(__file__).resolve().parent.parent
+TEMPLATES = PROJECT / "templates"
+INCLUDES = PROJECT / "povray_includes"
+SCHEMA = "scene.schema.json"
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
+RESERVED = {"inputs", "basis", "pov", "runs"}
+
+
+def checked_name(name: str, what: str) -> str:
+    """A scene's or fog's name that cannot leave its folder."""
+    if not NAME.fullmatch(name) or ".." in name or name in RESERVED:
+        raise InputError(f"{what} name '{name}'", place="command line",
+                         remedy="use letters, digits, '_', '-' and '.', beginning with a letter or digit, without"
+                                f" slashes, and none of {', '.join(sorted(RESERVED))}")
+    return name
+
+
+@dataclass(frozen=True)
+class Build:
+    """Names of all files of one scene and one fog. `fog` is None for the scene's default fog."""
+
+    scene: str
+    fog: str | None = None
+    scenes: Path = Path("scenes")
+    builds: Path = Path("build")
+
+    def __post_init__(self):
+        checked_name(self.scene, "scene")
+        if self.fog is not None:
+            checked_name(self.fog, "fog")
+
+    @property
+    def source(self) -> Path:
+        return self.scenes / self.scene
+
+    @property
+    def scene_file(self) -> Path:
+        return self.source / "scene.yaml"
+
+    @property
+    def shared(self) -> Path:
+        return self.builds / self.scene
+
+    @property
+    def out(self) -> Path:
+        return self.shared / self.fog if self.fog else self.shared
+
+    def input(self, part: str) -> Path:
+        """One resolved part of the scene file; a part that did not change keeps its time stamp."""
+        folder = self.out if part in ("fog", "render") else self.shared
+        return folder / "inputs" / f"{part}.json"
+
+    # of the photograph
+    @property
+    def photograph(self) -> Path:
+        return self.shared / "photograph.exr"
+
+    @property
+    def photograph_facts(self) -> Path:
+        return self.shared / "photograph.json"
+
+    @property
+    def camera(self) -> Path:
+        return self.shared / "camera.json"
+
+    @property
+    def geometry(self) -> Path:
+        return self.shared / "geometry.json"
+
+    @property
+    def depth(self) -> Path:
+        return self.shared / "depth.exr"
+
+    @property
+    def surfaces(self) -> Path:
+        return self.shared / "surfaces.exr"
+
+    @property
+    def sun_direction(self) -> Path:
+        return self.shared / "sun_direction.json"
+
+    @property
+    def illumination(self) -> Path:
+        return self.shared / "illumination.json"
+
+    @property
+    def albedo(self) -> Path:
+        return self.shared / "albedo.exr"
+
+    @property
+    def overlay(self) -> Path:
+        return self.shared / "overlay.png"
+
+    @property
+    def basis(self) -> Path:
+        """Clear renders of each light alone."""
+        return self.shared / "basis"
+
+    # of one fog
+    @property
+    def plan(self) -> Path:
+        return self.out / "plan.json"
+
+    @property
+    def pov(self) -> Path:
+        return self.out / "pov"
+
+    @property
+    def runs(self) -> Path:
+        return self.out / "runs"
+
+    @property
+    def runs_done(self) -> Path:
+        return self.out / "runs" / "done.json"
+
+    @property
+    def transmittance(self) -> Path:
+        return self.out / "transmittance.exr"
+
+    def in_scattering(self, light: str | None = None) -> Path:
+        return self.out / (f"in_scattering_{light}.exr" if light else "in_scattering.exr")
+
+    @property
+    def maps(self) -> Path:
+        """Written after all maps of a fog are complete."""
+        return self.out / "maps.json"
+
+    def foggy(self, suffix: str) -> Path:
+        return self.out / f"foggy{suffix}"
+
+    @property
+    def manifest(self) -> Path:
+        return self.out / "manifest.json"
+
+    @property
+    def report(self) -> Path:
+        return self.out / "report.html"
+
+    @property
+    def seconds(self) -> Path:
+        """Seconds each stage took, one JSON file a stage."""
+        return self.out / "inputs" / "seconds"
+
+
+def inside(build: Build, name: str) -> Path:
+    """A file of the scene's folder; a name that leads out of it is refused."""
+    path = build.source / name
+    try:
+        path.resolve().relative_to(build.source.resolve())
+    except ValueError:
+        raise InputError(f"'{name}' leads out of the scene's folder", place=str(build.scene_file),
+                         remedy=f"put the file into {build.source}") from None
+    return path

@@ -1,0 +1,1 @@
+"""The paper's equations and the quadratures behind them; pure functions, no files."""

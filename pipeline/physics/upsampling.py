@@ -1,0 +1,33 @@
+"""Smooth maps rendered small, at the photograph's size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Depths that differ by this share belong to different things.
+DEPTH_TOLERANCE = 0.05
+
+
+def upsample(values: np.ndarray, coarse_depth: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """`values` (h, w, 3) at the pixels of `depth` (H, W): bilinear, but not across edges of depth.
+
+    coarse_depth: (h, w) [m] where the values were rendered. In-scattering is smooth along a surface and jumps
+    where the ray's end does, so each of the four neighbours counts by its distance times how well its
+    depth agrees (joint bilateral upsampling, Kopf et al. 2007); where none agrees, the likest one does.
+    """
+    height, width = depth.shape
+    rows, columns = coarse_depth.shape
+    y = np.clip((np.arange(height) + 0.5) * rows / height - 0.5, 0, rows - 1)
+    x = np.clip((np.arange(width) + 0.5) * columns / width - 0.5, 0, columns - 1)
+    y0, x0 = np.minimum(y.astype(int), max(rows - 2, 0)), np.minimum(x.astype(int), max(columns - 2, 0))
+    fy, fx = (y - y0)[:, None], (x - x0)[None]
+    total, weights = np.zeros((height, width, values.shape[2])), np.zeros((height, width, 1))
+    for dy in (0, 1):
+        for dx in (0, 1):
+            at = np.ix_(np.minimum(y0 + dy, rows - 1), np.minimum(x0 + dx, columns - 1))
+            off = np.abs(coarse_depth[at] - depth) / (DEPTH_TOLERANCE * depth)
+            # never quite 0, so that the likest neighbour stands where none agrees
+            weight = np.abs(1 - dy - fy) * np.abs(1 - dx - fx) * np.exp(-np.minimum(off**2, 300.0)) + 1e-140 / (1 + off)
+            total += weight[..., None] * values[at]
+            weights[..., 0] += weight
+    return total / weights

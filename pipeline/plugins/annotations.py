@@ -1,0 +1,98 @@
+"""Things a person marks in the photograph, and what they are in the world.
+
+Everything can be given in either of two ways: as pixels on a named plane, or directly in metres.
+`placed(...)` turns the first into the second; placed annotations hold world metres only.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pipeline.geometry import planes
+from pipeline.plugins.base import Finite, Model, Pixel, Vector, World, parameter
+
+MAX_VERTICES = 200
+
+
+class Outline(Model):
+    """A planar polygon: `on` a plane with `pixels`, or `points` in world metres."""
+
+    on: str | None = parameter(None, description="plane it lies on, as SHAPE.FACE, for example room.ceiling")
+    pixels: Annotated[list[Pixel], Field(min_length=3, max_length=MAX_VERTICES)] | None = parameter(
+        None, "pixel", description="corners in the photograph, in order round the outline")
+    offset: Finite = parameter(0.0, "m", description="towards the camera, off the plane: a lamp that hangs below a ceiling")
+    points: Annotated[list[Vector], Field(min_length=3, max_length=MAX_VERTICES)] | None = parameter(
+        None, "m", description="corners in the world, instead of `on` and `pixels`")
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        if (self.points is None) == (self.pixels is None):
+            raise ValueError("give either 'on' and 'pixels', or 'points' in metres")
+        if (self.pixels is None) != (self.on is None):
+            raise ValueError("'on' and 'pixels' go together")
+        return self
+
+    def placed(self, name: str, world: World) -> "Outline":
+        if self.points is not None:
+            points = planes.clean_polygon(np.asarray(self.points, float), name=name)
+        else:
+            pixels = planes.clean_polygon(np.asarray(self.pixels, float), name=name)
+            plane = _moved(world.plane(self.on, name), self.offset, world.camera.position)
+            points = plane.seen_at(world.camera, pixels, name=self.on)
+        return Outline(points=np.asarray(points).tolist())
+
+    @property
+    def polygon(self) -> np.ndarray:
+        """(n, 3) world [m], of a placed outline."""
+        return np.asarray(self.points, float)
+
+
+class Position(Model):
+    """A point: `pixel` at a `depth` along its ray, or `pixel` `on` a plane, or `point` in metres."""
+
+    pixel: Pixel | None = parameter(None, "pixel")
+    depth: Annotated[float, Field(gt=0, le=1e7)] | None = parameter(None, "m", description="along the ray")
+    on: str | None = parameter(None, description="plane it lies on, as SHAPE.FACE")
+    offset: Finite = parameter(0.0, "m", description="towards the camera, off the plane")
+    point: Vector | None = parameter(None, "m", description="instead of the others")
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        if (self.point is None) == (self.pixel is None):
+            raise ValueError("give either 'point' in metres, or 'pixel' with 'depth' or 'on'")
+        if self.pixel is not None and (self.depth is None) == (self.on is None):
+            raise ValueError("'pixel' needs one of 'depth' and 'on'")
+        return self
+
+    def placed(self, name: str, world: World) -> "Position":
+        if self.point is not None:
+            return self
+        camera, pixel = world.camera, np.asarray(self.pixel, float)
+        if self.depth is not None:
+            point = camera.position + self.depth * camera.directions(pixel)
+        else:
+            plane = _moved(world.plane(self.on, name), self.offset, camera.position)
+            point = plane.seen_at(camera, pixel, name=self.on)
+        return Position(point=point.tolist())
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(3,) world [m], of a placed position."""
+        return np.asarray(self.point, float)
+
+
+def _moved(plane: planes.Plane, offset: float, towards: np.ndarray) -> planes.Plane:
+    side = 1.0 if plane.distance(towards) >= 0 else -1.0
+    return planes.Plane(plane.point + offset * side * plane.normal, plane.normal)
+
+
+def facing(polygon: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """The polygon with its vertex order such that its normal points to `towards` (3,)."""
+    plane = planes.Plane(polygon.mean(0), planes.polygon_normal(polygon))
+    return polygon if plane.distance(np.asarray(towards, float)) >= 0 else polygon[::-1].copy()
+
+
+

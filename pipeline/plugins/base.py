@@ -1,0 +1,258 @@
+"""Base classes of all plugins, and the registry that finds them.
+
+A plugin has two duties: its value in Python and its statement in POV-Ray. It is a pydantic model of
+its parameters (defaults, bounds and units stand in the model) with a `type` that names it, plus the
+methods its kind asks for below. Parameters may be given as annotations of the photograph or directly in
+3D; `placed(world)` turns the first into the second, so that everything after the geometry stage sees
+world metres only.
+
+Packages outside this repository add plugins through Python entry points: group `fog.KIND`, the entry's
+name being the plugin's type and its value the class; the template `NAME.inc` lies beside the class's module.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import inspect
+import pkgutil
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
+
+from pipeline.errors import InputError
+from pipeline.geometry.camera import Camera
+from pipeline.geometry.planes import Plane, polygon_normal
+
+KINDS = ("shapes", "lights", "media", "phase_functions", "estimators", "exporters")
+
+
+def parameter(default: Any = ..., unit: str = "", **constraints):
+    """A documented parameter of a plugin: default, unit and bounds in one place."""
+    return Field(default, json_schema_extra={"unit": unit} if unit else None, **constraints)
+
+
+def _unit_length(v: list[float]) -> list[float]:
+    norm = float(np.linalg.norm(v))
+    if not norm > 0:
+        raise ValueError("a direction needs a length; [0, 0, 0] points nowhere")
+    return [float(x) / norm for x in v]
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Colour = Annotated[list[Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+Reflectance = Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=3, max_length=3)]
+Vector = Annotated[list[Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+Direction = Annotated[Vector, AfterValidator(_unit_length)]
+Pixel = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]], Field(min_length=2, max_length=2)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
+
+
+class Model(BaseModel):
+    """Any piece of a scene file: no unread keys, no silent changes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class Plugin(Model):
+    kind: ClassVar[str]
+    type: str
+
+    @classmethod
+    def type_name(cls) -> str:
+        return cls.model_fields["type"].annotation.__args__[0]
+
+    @classmethod
+    def template_name(cls) -> str:
+        return f"{cls.kind}/{cls.type_name()}.inc"
+
+    @classmethod
+    def template_folder(cls) -> Path:
+        """Where a plugin from outside keeps its template: beside its module."""
+        return Path(inspect.getfile(cls)).parent
+
+    def statement(self) -> dict[str, Any]:
+        """Values that the template needs beyond the plugin's own parameters."""
+        return {}
+
+
+@dataclass
+class World:
+    """What annotations are resolved against: the camera and the planes known so far, by name."""
+
+    camera: Camera
+    planes: dict[str, Plane] = field(default_factory=dict)
+    messages: list[str] = field(default_factory=list)
+    residuals: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def add_faces(self, name: str, shape: "Shape") -> None:
+        """Names the planes of a placed shape, as NAME.FACE, for what is placed on them later."""
+        for face, corners in shape.faces().items():
+            self.planes[f"{name}.{face}"] = Plane(corners.mean(0), polygon_normal(corners))
+
+    def plane(self, name: str, asked_by: str) -> Plane:
+        try:
+            return self.planes[name]
+        except KeyError:
+            raise InputError(
+                f"{asked_by} lies on '{name}', which no shape before it has",
+                remedy=f"use one of {', '.join(sorted(self.planes)) or '(none yet)'}",
+            ) from None
+
+
+class Shape(Plugin):
+    """Something solid that the fog ends at and that casts shadows."""
+
+    kind: ClassVar[str] = "shapes"
+    albedo: Reflectance | None = parameter(
+        None, "1", description="diffuse albedo for all its faces, where it is known; estimated otherwise"
+    )
+
+    def placed(self, name: str, world: World) -> "Shape":
+        """The same shape in world metres; adds its faces' planes and residuals to `world`."""
+        raise NotImplementedError(type(self).__name__)
+
+    def faces(self) -> dict[str, np.ndarray]:
+        """Planar faces (n, 3) [m] by name, of the placed shape; normals follow no convention.
+
+        A shape with curved parts approximates them here (they serve as planes to place things on and
+        carry the estimated albedo) and overrides `intersect`.
+        """
+        raise NotImplementedError(type(self).__name__)
+
+    def intersect(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance [m] (inf where missed) to the first hit of rays (..., 3), and the face's index (-1)."""
+        from pipeline.geometry.raycast import first_hits
+
+        return first_hits(origin, directions, list(self.faces().values()))
+
+    #: A shape seen from inside only (a room's shell) throws no shadow into itself.
+    casts_shadow: ClassVar[bool] = True
+
+
+class Light(Plugin):
+    """A source of light. Its strength in the photograph's unit is estimated unless given.
+
+    `strength_name` says what one unit of it is: radiance, intensity or irradiance.
+    """
+
+    kind: ClassVar[str] = "lights"
+    strength_name: ClassVar[str]
+    gain: float = parameter(1.0, "1", ge=0, le=1e6, allow_inf_nan=False,
+                            description="relights the fog: scales this light after estimation")
+
+    def placed(self, name: str, world: World) -> "Light":
+        raise NotImplementedError(type(self).__name__)
+
+    def given_strength(self) -> list[float] | None:
+        """Strength (3,) stated by hand in the scene, or None where it is to be estimated."""
+        return getattr(self, self.strength_name)
+
+    def emitting_polygon(self) -> np.ndarray | None:
+        """(n, 3) [m], where the light can be seen in the photograph, or None."""
+        return None
+
+    def sub_light_count(self) -> int:
+        """POV-Ray lights that it is stated as; what a render costs grows with it."""
+        return 1
+
+    def entry_path(self, points: np.ndarray) -> np.ndarray:
+        """Path [m] through the fog that the transmittance render leaves out, (...), to directly lit points."""
+        return np.zeros(np.shape(points)[:-1])
+
+    def incident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unoccluded irradiance (...) facing the light at unit strength, and the path [m] it came.
+
+        A cheap estimate (the light's midpoint) for exposures and for pixels that no light reaches directly.
+        """
+        raise NotImplementedError(type(self).__name__)
+
+
+class PhaseFunction(Plugin):
+    """Distribution of scattered light over the sphere. Integrates to 1."""
+
+    kind: ClassVar[str] = "phase_functions"
+
+    def value(self, cosine: np.ndarray) -> np.ndarray:
+        """p [1/sr]; `cosine` of the angle between propagation directions, 1 = forward."""
+        raise NotImplementedError(type(self).__name__)
+
+
+class Medium(Plugin):
+    """Fog: spectral coefficients times a relative density in space.
+
+    Templates state `Fog_Density(x,y,z)`, `Fog_Density_Path(x0,y0,z0,x1,y1,z1)` [m] (its integral along a
+    segment) and the macros `Fog_Extinction()`, `Fog_Scattering()` and `Fog_Shaft_Scattering(Source)`.
+    """
+
+    kind: ClassVar[str] = "media"
+
+    def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
+        """absorption_coefficient, scattering_coefficient, each (3,) [1/m], where relative density is 1."""
+        raise NotImplementedError(type(self).__name__)
+
+    def density_path(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Integral of the relative density from `origin` to `points`, (...) [m]."""
+        raise NotImplementedError(type(self).__name__)
+
+    def phase(self) -> PhaseFunction:
+        return self.phase_function
+
+    def optical_depth(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(..., 3), between two points."""
+        absorption, scattering = self.coefficients()
+        return self.density_path(origin, points)[..., None] * (absorption + scattering)
+
+    def is_clear(self) -> bool:
+        """True where there is nothing to render: the photograph comes back unchanged."""
+        absorption, scattering = self.coefficients()
+        return not np.any(absorption + scattering > 0)
+
+
+class Estimator(Plugin):
+    """A way to find light strengths or a sun direction from the photograph."""
+
+    kind: ClassVar[str] = "estimators"
+    estimates: ClassVar[Literal["illumination", "sun_direction"]]
+
+
+class Exporter(Plugin):
+    """Writes the placed scene in another program's language."""
+
+    kind: ClassVar[str] = "exporters"
+
+
+BASES: dict[str, type[Plugin]] = {
+    "shapes": Shape, "lights": Light, "media": Medium,
+    "phase_functions": PhaseFunction, "estimators": Estimator, "exporters": Exporter,
+}
+
+
+@cache
+def registry(kind: str) -> dict[str, type[Plugin]]:
+    """All plugins of a kind by type name: this package's folder first, then entry points `fog.KIND`."""
+    found: dict[str, type[Plugin]] = {}
+    package = importlib.import_module(f"{__package__}.{kind}")
+    for module_info in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
+        module = importlib.import_module(f"{package.__name__}.{module_info.name}")
+        for cls in vars(module).values():
+            if inspect.isclass(cls) and issubclass(cls, BASES[kind]) and cls.__module__ == module.__name__:
+                found[cls.type_name()] = cls
+    for entry in importlib.metadata.entry_points(group=f"fog.{kind}"):
+        place = f"entry point fog.{kind}:{entry.name}"
+        try:
+            cls = entry.load()
+        except Exception as error:  # a stranger's package may fail in any way; name it
+            raise InputError(f"cannot be loaded ({error})", place=place,
+                             remedy="mend or uninstall the package that provides it") from error
+        if not (inspect.isclass(cls) and issubclass(cls, BASES[kind])) or cls.type_name() != entry.name:
+            raise InputError(f"is not a {BASES[kind].__name__} of type '{entry.name}'", place=place,
+                             remedy="name the entry point after the plugin's type")
+        if entry.name in found and found[entry.name] is not cls:
+            raise InputError(f"'{entry.name}' exists already", place=place, remedy="choose another type name")
+        found[entry.name] = cls
+    return found

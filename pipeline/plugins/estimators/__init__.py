@@ -1,0 +1,1 @@
+"""Estimators: light strengths and sun direction from the photograph."""

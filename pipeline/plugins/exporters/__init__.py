@@ -1,0 +1,1 @@
+"""Exporters: the placed scene in a renderer's language."""

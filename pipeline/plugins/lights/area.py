@@ -1,0 +1,56 @@
+"""Area light: a one-sided Lambertian polygon."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from pipeline.geometry.planes import polygon_area, polygon_normal
+from pipeline.physics.emitters import polygon_cells
+from pipeline.plugins.annotations import Outline, facing
+from pipeline.plugins.base import Colour, Light, Vector, parameter
+
+
+class Area(Light):
+    """A lamp or a window with an area: a one-sided Lambertian polygon of uniform radiance."""
+
+    type: Literal["area"] = "area"
+    strength_name = "radiance"
+    outline: Outline = parameter(description="the emitting surface")
+    radiance: Colour | None = parameter(None, "photo unit", description="known radiance; estimated when left out")
+    visible: bool = parameter(True, description="whether its pixels show the emitter itself")
+    faces_towards: Vector | None = parameter(
+        None, "m", description="a point on its lit side; the camera when left out")
+    sub_lights: int = parameter(
+        5, ge=1, le=32, description="its square is the number of small lights that stand for the area; 8 for glow close to it")
+
+    def placed(self, name, world):
+        outline = self.outline.placed(f"{name}.outline", world)
+        towards = world.camera.position if self.faces_towards is None else np.asarray(self.faces_towards)
+        polygon = facing(outline.polygon, towards)
+        return self.model_copy(update={"outline": Outline(points=polygon.tolist()), "faces_towards": towards.tolist()})
+
+    def emitting_polygon(self):
+        return self.outline.polygon if self.visible else None
+
+    @property
+    def normal(self) -> np.ndarray:
+        return polygon_normal(self.outline.polygon)
+
+    def sub_light_count(self):
+        return len(polygon_cells(self.outline.polygon, self.sub_lights)[0])
+
+    def incident(self, points):
+        # E = L A cos' / (pi r^2 + d^2) style on-axis law at the midpoint, bounded near the lamp.
+        centre = self.outline.polygon.mean(0)
+        area = polygon_area(self.outline.polygon)
+        offset = np.asarray(points, float) - centre
+        distance = np.linalg.norm(offset, axis=-1)
+        cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0, 1)
+        return area * cosine / (distance**2 + area / np.pi), distance
+
+    def statement(self) -> dict[str, Any]:
+        centres, areas = polygon_cells(self.outline.polygon, self.sub_lights)
+        return {"cells": [{"centre": c, "area": a} for c, a in zip(centres.tolist(), areas.tolist())],
+                "normal": self.normal.tolist()}

@@ -1,0 +1,30 @@
+"""Point light: a small bulb that shines evenly in all directions."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from pipeline.plugins.annotations import Position
+from pipeline.plugins.base import Colour, Light, parameter
+
+
+class Point(Light):
+    """A bulb: irradiance intensity / (d^2 + radius^2) at distance d."""
+
+    type: Literal["point"] = "point"
+    strength_name = "intensity"
+    position: Position = parameter(description="where the bulb is")
+    intensity: Colour | None = parameter(None, "photo unit * m^2", description="known intensity; estimated when left out")
+    radius: float = parameter(0.02, "m", gt=0, le=1e5, description="of the bulb; bounds the light close to it")
+
+    def placed(self, name, world):
+        return self.model_copy(update={"position": self.position.placed(f"{name}.position", world)})
+
+    def incident(self, points):
+        distance = np.linalg.norm(np.asarray(points, float) - self.position.vector, axis=-1)
+        return 1 / (distance**2 + self.radius**2), distance
+
+    def statement(self) -> dict[str, Any]:
+        return {"location": self.position.point}

@@ -1,0 +1,60 @@
+"""Spot light: a bulb behind a cone."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from pipeline.plugins.annotations import Position
+from pipeline.plugins.base import Colour, Light, parameter
+
+
+class Spot(Light):
+    """A bulb with a cone: full inside `inner_angle`, nothing outside `outer_angle`, smooth between.
+
+    Irradiance is intensity * s / (d^2 + radius^2), with s the smoothstep of the cosine of the angle off
+    axis between the two cone angles.
+    """
+
+    type: Literal["spot"] = "spot"
+    strength_name = "intensity"
+    position: Position = parameter(description="where the bulb is")
+    target: Position = parameter(description="a point on its axis")
+    inner_angle: float = parameter(20.0, "degree", ge=0, le=89, description="half angle of the full cone")
+    outer_angle: float = parameter(30.0, "degree", gt=0, le=89.5, description="half angle where it ends")
+    intensity: Colour | None = parameter(None, "photo unit * m^2", description="on the axis; estimated when left out")
+    radius: float = parameter(0.02, "m", gt=0, le=1e5, description="of the bulb; bounds the light close to it")
+
+    @model_validator(mode="after")
+    def _cone(self):
+        if not self.inner_angle < self.outer_angle:
+            raise ValueError(f"inner_angle {self.inner_angle} must be smaller than outer_angle {self.outer_angle}")
+        return self
+
+    def placed(self, name, world):
+        position = self.position.placed(f"{name}.position", world)
+        target = self.target.placed(f"{name}.target", world)
+        if np.linalg.norm(target.vector - position.vector) < 1e-9:
+            from pipeline.errors import InputError
+
+            raise InputError(f"{name}: target and position are the same point {position.point}",
+                             remedy="move the target to where the light points")
+        return self.model_copy(update={"position": position, "target": target})
+
+    def cone(self, cosine: np.ndarray) -> np.ndarray:
+        """Share of the axial intensity, by the cosine of the angle off axis."""
+        inner, outer = np.cos(np.radians([self.inner_angle, self.outer_angle]))
+        x = np.clip((np.asarray(cosine, float) - outer) / (inner - outer), 0, 1)
+        return x * x * (3 - 2 * x)
+
+    def incident(self, points):
+        offset = np.asarray(points, float) - self.position.vector
+        distance = np.linalg.norm(offset, axis=-1)
+        axis = self.target.vector - self.position.vector
+        cosine = (offset @ axis) / np.maximum(distance * np.linalg.norm(axis), 1e-12)
+        return self.cone(cosine) / (distance**2 + self.radius**2), distance
+
+    def statement(self) -> dict[str, Any]:
+        return {"location": self.position.point, "point_at": self.target.point}

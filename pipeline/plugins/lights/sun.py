@@ -1,0 +1,120 @@
+"""Sunlight that enters through windows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial import ConvexHull
+
+from pipeline.geometry.planes import Plane, polygon_area, polygon_normal
+from pipeline.geometry.shaft import shaft_hulls
+from pipeline.plugins.annotations import Outline, facing
+from pipeline.plugins.base import Colour, Direction, Light, Model, parameter
+
+
+class Opening(Model):
+    """A window or open door, and the sunlit patches that it throws."""
+
+    window: Outline = parameter(description="the opening that the sun shines through")
+    patches: Annotated[list[Outline], Field(min_length=1, max_length=20)] = parameter(
+        description="the sunlit patch on the floor, and its continuation on walls, one polygon a plane")
+
+
+class Sun(Light):
+    """The sun through windows: parallel light inside the shafts between windows and patches."""
+
+    type: Literal["sun"] = "sun"
+    strength_name = "irradiance"
+    openings: Annotated[dict[str, Opening], Field(min_length=1, max_length=50)] = parameter(
+        description="windows by name")
+    direction: Direction | None = parameter(
+        None, "1", description="in which the light travels, from the sun into the room; estimated when left out")
+    irradiance: Colour | None = parameter(
+        None, "photo unit * sr", description="on a surface facing the sun; estimated when left out")
+
+    def placed(self, name, world):
+        openings = {}
+        for key, opening in self.openings.items():
+            patches = [p.placed(f"{name}.{key}.patches[{i}]", world) for i, p in enumerate(opening.patches)]
+            window = opening.window.placed(f"{name}.{key}.window", world).polygon
+            inside = np.mean([p.polygon.mean(0) for p in patches], axis=0)
+            openings[key] = Opening(window=Outline(points=facing(window, inside).tolist()), patches=patches)
+        return self.model_copy(update={"openings": openings})
+
+    def incident(self, points):
+        # Directly lit pixels never use this. Elsewhere the sun arrives by way of its patches: their
+        # area, and the way window - patch - point.
+        points = np.asarray(points, float)
+        irradiance, weighted_path = np.zeros(points.shape[:-1]), np.zeros(points.shape[:-1])
+        for opening in self.openings.values():
+            entry = opening.window.polygon.mean(0)
+            for patch in opening.patches:
+                centre, area = patch.polygon.mean(0), polygon_area(patch.polygon)
+                distance = np.linalg.norm(points - centre, axis=-1)
+                share = area / (np.pi * distance**2 + area)
+                irradiance += share
+                weighted_path += share * (distance + np.linalg.norm(centre - entry))
+        return irradiance, weighted_path / irradiance
+
+    def entry_path(self, points):
+        # A point is lit through the window whose opening its light crosses nearest to the centre.
+        points, direction = np.asarray(points, float), np.asarray(self.direction, float)
+        best, path = np.full(points.shape[:-1], np.inf), np.zeros(points.shape[:-1])
+        for shaft in shafts(self):
+            normal = np.asarray(shaft["window_normal"])
+            travelled = np.maximum((points - shaft["window_point"]) @ normal / (direction @ normal), 0)
+            crossing = points - travelled[..., None] * direction
+            for opening in shaft["lit_openings"]:
+                corners = np.asarray(opening)
+                size = np.linalg.norm(corners - corners.mean(0), axis=1).max()
+                off_centre = np.linalg.norm(crossing - corners.mean(0), axis=-1) / size
+                path = np.where(off_centre < best, travelled, path)
+                best = np.minimum(best, off_centre)
+        return path
+
+    def statement(self) -> dict[str, Any]:
+        return {"shafts": shafts(self)}
+
+
+def shafts(sun: Sun) -> list[dict[str, Any]]:
+    """What the template needs of each window/patch pair (Zhao et al. 2013, Fig. 6d).
+
+    planes: (m, 4) outward normals and offsets [m] of the bounding volume, n.x <= c inside.
+    window_point, window_normal: plane at which the sunlight enters the fog, normal into the room.
+    lit_openings: the patches, pulled back along the sunlight to the window's plane: light through them
+    falls exactly on the annotated patches. shaft_openings: the same for each whole volume, convex.
+    """
+    direction = np.asarray(sun.direction, float)
+    result = []
+    for name, opening in sun.openings.items():
+        window = opening.window.polygon
+        plane = Plane(window.mean(0), polygon_normal(window))
+        patches = [p.polygon for p in opening.patches]
+        hulls = shaft_hulls(window, patches, name)
+
+        def pulled_back(points: np.ndarray) -> np.ndarray:
+            travelled = (points - plane.point) @ plane.normal / (direction @ plane.normal)
+            return points - travelled[:, None] * direction
+
+        result.append({
+            "name": name,
+            "hulls": [hull.planes.tolist() for hull in hulls],
+            "hull_vertices": [hull.vertices.tolist() for hull in hulls],
+            "window_point": plane.point.tolist(),
+            "window_normal": plane.normal.tolist(),
+            "window_cosine": float(direction @ plane.normal),
+            "lit_openings": [pulled_back(p).tolist() for p in patches],
+            "shaft_openings": [_outline(pulled_back(hull.vertices)).tolist() for hull in hulls],
+        })
+    return result
+
+
+def _outline(points: np.ndarray) -> np.ndarray:
+    """Convex outline (m, 3) of coplanar points, a hundredth wider, so that its rim shades nothing inside."""
+    plane = Plane.through(points)
+    along = np.linalg.svd(points - plane.point)[2][:2]
+    hull = ConvexHull((points - plane.point) @ along.T)
+    rim = points[hull.vertices]
+    return rim.mean(0) + 1.01 * (rim - rim.mean(0))

@@ -1,0 +1,53 @@
+"""Homogeneous fog: the same everywhere."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from typing_extensions import Annotated
+
+from pipeline.plugins.base import Colour, Medium, parameter
+from pipeline.plugins.choices import PhaseFunctionChoice
+
+CONTRAST_OF = {"meteorological_optical_range": 0.05, "koschmieder": 0.02}
+Albedo = Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=3, max_length=3)]
+
+
+class Homogeneous(Medium):
+    """Fog of one density, by its visibility or by its coefficients."""
+
+    type: Literal["homogeneous"] = "homogeneous"
+    visibility: Annotated[float, Field(ge=1e-3)] | None = parameter(
+        None, "m", description="distance at which a dark object's contrast falls to `contrast`; .inf is no fog"
+    )
+    contrast: Literal["meteorological_optical_range", "koschmieder"] = parameter(
+        "meteorological_optical_range", description="what visibility means: contrast 0.05 (WMO) or 0.02 (Koschmieder)"
+    )
+    single_scattering_albedo: Albedo = parameter(
+        [1.0, 1.0, 1.0], "1", description="share of the extinction that is scattered, per channel; with `visibility`"
+    )
+    absorption_coefficient: Colour | None = parameter(None, "1/m", description="instead of `visibility`")
+    scattering_coefficient: Colour | None = parameter(None, "1/m", description="instead of `visibility`")
+    phase_function: PhaseFunctionChoice = parameter({"type": "henyey_greenstein"}, description="how it scatters")
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        by_coefficients = (self.absorption_coefficient, self.scattering_coefficient)
+        if self.visibility is not None and by_coefficients != (None, None):
+            raise ValueError("give either 'visibility' or the two coefficients, not both")
+        if self.visibility is None and None in by_coefficients:
+            raise ValueError("give 'visibility', or both 'absorption_coefficient' and 'scattering_coefficient'")
+        return self
+
+    def coefficients(self):
+        if self.visibility is None:
+            return np.array(self.absorption_coefficient, float), np.array(self.scattering_coefficient, float)
+        # kappa = -ln(contrast) / visibility (Koschmieder's law; contrast 0.05 is WMO's definition)
+        extinction = -np.log(CONTRAST_OF[self.contrast]) / self.visibility
+        scattering = extinction * np.array(self.single_scattering_albedo, float)
+        return extinction - scattering, scattering
+
+    def density_path(self, origin, points):
+        return np.linalg.norm(np.asarray(points, float) - origin, axis=-1)

@@ -1,0 +1,1 @@
+"""Phase functions: how fog scatters light over the sphere."""

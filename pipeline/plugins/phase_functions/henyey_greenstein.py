@@ -1,0 +1,22 @@
+"""Henyey-Greenstein phase function."""
+
+from typing import Literal
+
+import numpy as np
+
+from pipeline.plugins.base import PhaseFunction, parameter
+
+
+class HenyeyGreenstein(PhaseFunction):
+    """One lobe of adjustable forwardness (Henyey and Greenstein 1941)."""
+
+    type: Literal["henyey_greenstein"] = "henyey_greenstein"
+    asymmetry: float = parameter(
+        0.6, "1", ge=-0.999, le=0.999, allow_inf_nan=False,
+        description="mean cosine g: 0 scatters evenly, 0.6 is light mist, 0.9 dense fog; > 0 forward",
+    )
+
+    def value(self, cosine):
+        # (1-g)^2 + 2g(1-cos) does not cancel near the forward peak, where 1 + g^2 - 2g cos loses all digits.
+        g = self.asymmetry
+        return (1 - g * g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * (1 - np.asarray(cosine, float))) ** 1.5)

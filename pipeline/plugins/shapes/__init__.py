@@ -1,0 +1,1 @@
+"""Solid things: what fog ends at and what throws shadows."""

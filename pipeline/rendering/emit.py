@@ -1,0 +1,193 @@
+"""States a run in POV-Ray's language by the templates.
+
+A run's `.pov` file is complete in itself: includes are written out, so that plain `povray` renders it
+from any folder. A scene's own template of the same name wins over the project's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from jinja2.sandbox import SandboxedEnvironment
+
+from pipeline import paths
+from pipeline.errors import InputError
+from pipeline.geometry.camera import Camera
+from pipeline.plugins.base import Light, Medium, Plugin, Shape
+from pipeline.plugins.lights.sun import Sun
+
+MAX_TEMPLATE_BYTES = 1_000_000
+#: Optical depth beyond which nothing reaches the eye: exp(-12) is 6e-6 of what is nearer.
+FARTHEST_OPTICAL_DEPTH = 12.0
+
+
+@dataclass(frozen=True)
+class PlacedScene:
+    """A scene in world metres: what exporters see."""
+
+    camera: Camera
+    shapes: dict[str, Shape]
+    lights: dict[str, Light]
+
+    def faces(self) -> list[tuple[str, np.ndarray]]:
+        """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""
+        return [(f"{name}.{face}", corners) for name, shape in self.shapes.items()
+                for face, corners in shape.faces().items()]
+
+    def extent(self) -> float:
+        """Radius [m] round the camera that holds everything."""
+        points = np.concatenate([corners for _, corners in self.faces()])
+        return float(np.linalg.norm(points - self.camera.position, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Run:
+    """One POV-Ray render: which light, what is switched on, how finely.
+
+    kind: irradiance | transmittance | in_scattering | bounce | closure. exposure: the run's values are so
+    many times those of the light at unit strength, which keeps half floats in range.
+    """
+
+    id: str
+    kind: str
+    lights: list[str]
+    width: int
+    height: int
+    exposure: float = 1.0
+    samples: int = 1
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class Templates:
+    """Looks templates up: the scene's folder, the project's, then those beside plugins from outside."""
+
+    def __init__(self, scene_folder: Path | None = None):
+        own = [scene_folder / "templates", scene_folder] if scene_folder else []
+        self.folders = [*own, paths.TEMPLATES, paths.INCLUDES]
+        self.plugin_folders: dict[str, Path] = {}
+        self.environment = SandboxedEnvironment(
+            loader=jinja2.FunctionLoader(self._load), undefined=jinja2.StrictUndefined, autoescape=False,
+            block_start_string="<%", block_end_string="%>", variable_start_string="<<", variable_end_string=">>",
+            comment_start_string="<#", comment_end_string="#>", trim_blocks=True, lstrip_blocks=True,
+            keep_trailing_newline=True)
+        self.environment.filters["vector"] = _vector
+
+    def path_of(self, name: str) -> Path:
+        for folder in self.folders:
+            if (folder / name).is_file():
+                return folder / name
+        kind, _, file = name.partition("/")
+        if name in self.plugin_folders and (self.plugin_folders[name] / file).is_file():
+            return self.plugin_folders[name] / file
+        raise jinja2.TemplateNotFound(name)
+
+    def _load(self, name: str):
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise jinja2.TemplateNotFound(name)
+        path = self.path_of(name)
+        if path.stat().st_size > MAX_TEMPLATE_BYTES:
+            raise InputError(f"template of {path.stat().st_size} bytes", place=str(path),
+                             remedy=f"keep it below {MAX_TEMPLATE_BYTES} bytes")
+        # the marker lets an error of POV-Ray be traced back to the template
+        return f"// ---- {_shown(path)}\n" + path.read_text(encoding="utf-8"), str(path), lambda: False
+
+    def render(self, name: str, context: dict[str, Any]) -> str:
+        """The template's text; a mistake in it is one line with file and line."""
+        try:
+            return self.environment.get_template(name).render(context)
+        except jinja2.TemplateSyntaxError as error:
+            # the marker is line 1 of what Jinja read
+            raise InputError(f"template does not parse ({error.message})", place=f"{error.filename}:{error.lineno - 1}",
+                             remedy="mend this line") from None
+        except jinja2.TemplateNotFound as error:
+            raise InputError(f"no template '{error.name}'", place=name,
+                             remedy="put it into templates/ or the scene's folder") from None
+        except (jinja2.UndefinedError, jinja2.exceptions.SecurityError, TypeError, ValueError) as error:
+            place = _template_place(error) or name
+            raise InputError(f"template fails ({error})", place=place, remedy="use the values that are there") from None
+
+    def of_plugin(self, plugin: Plugin, context: dict[str, Any]) -> str:
+        self.plugin_folders[plugin.template_name()] = plugin.template_folder()
+        parameters = {name: getattr(plugin, name) for name in type(plugin).model_fields}
+        return self.render(plugin.template_name(), {**context, **parameters, **plugin.statement()})
+
+
+def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium | None = None,
+         albedos: list[list[float]] | None = None, strengths: dict[str, list[float]] | None = None) -> str:
+    """The `.pov` text of one run."""
+    camera, extent = scene.camera, scene.extent()
+    if (run.width, run.height) != (camera.width, camera.height):
+        camera = camera.resized(run.width, run.height)
+    shafts = any(isinstance(scene.lights[name], Sun) for name in run.lights)
+    facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width, "height": run.height,
+             "exposure": run.exposure, "samples": run.samples, "shafts": shafts, **run.options}
+    context: dict[str, Any] = {"run": facts, "channels": []}
+    backdrop = 2 * extent
+    blocks = {"medium": ""}
+    if medium is not None:
+        absorption, scattering = medium.coefficients()
+        extinction = absorption + scattering
+        context["channels"] = _channels(extinction)
+        blocks["medium"] = templates.of_plugin(medium.phase(), context) + templates.of_plugin(
+            medium, {**context, "absorption": absorption.tolist(), "scattering": scattering.tolist()})
+        if run.kind == "in_scattering" and extinction.min() > 0:
+            backdrop = min(backdrop, FARTHEST_OPTICAL_DEPTH / float(extinction.min()))
+    index, statements = 0, []
+    for name, shape in scene.shapes.items():
+        faces = []
+        for face, corners in shape.faces().items():
+            faces.append({"name": f"{name}.{face}", "corners": corners.tolist(), "index": index})
+            index += 1
+        text = templates.of_plugin(shape, {**context, "name": name, "faces": faces})
+        statements.append(text if shape.casts_shadow else _without_shadow(text))
+    blocks["shapes"] = "\n".join(statements)
+    lights = []
+    for name in run.lights:
+        exposure = np.multiply(strengths[name], run.exposure).tolist() if strengths else run.exposure
+        light_facts = {**facts, "exposure": _vector(exposure) if strengths else exposure}
+        if strengths:
+            lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
+        lights.append(templates.of_plugin(scene.lights[name], {**context, "run": light_facts, "name": name}))
+    blocks["lights"] = "\n".join(lights)
+    return templates.render(f"{run.kind}.pov", {
+        **context, "blocks": blocks, "albedos": albedos or [],
+        "metre": 10.0 ** np.floor(1.5 - np.log10(extent)), "extent": 4 * extent, "backdrop": backdrop,
+        "camera": {
+            "position": camera.position, "right": camera.world_from_camera[:, 0], "down": camera.world_from_camera[:, 1],
+            "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
+            "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
+
+
+def _channels(extinction: np.ndarray) -> list[dict[str, Any]]:
+    """Channels of equal extinction together, as masks."""
+    return [{"extinction": float(value), "mask": (extinction == value).astype(float).tolist()}
+            for value in sorted(set(extinction.tolist()))]
+
+
+def _without_shadow(text: str) -> str:
+    return f"union {{\n{text}\nno_shadow\n}}\n"
+
+
+def _vector(values: Any) -> str:
+    return "<" + ",".join(repr(float(v)) for v in values) + ">"
+
+
+def _shown(path: Path) -> str:
+    try:
+        return str(path.resolve().relative_to(paths.PROJECT))
+    except ValueError:
+        return str(path)
+
+
+def _template_place(error: BaseException) -> str | None:
+    traceback, place = error.__traceback__, None
+    while traceback is not None:
+        file = traceback.tb_frame.f_code.co_filename
+        if file.endswith((".inc", ".pov")):
+            place = f"{file}:{max(traceback.tb_lineno - 1, 1)}"
+        traceback = traceback.tb_next
+    return place

@@ -1,0 +1,165 @@
+"""Runs POV-Ray: safely, once per content, with its errors said plainly."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import paths
+from pipeline.errors import InputError
+from pipeline.imaging.atomic import replacing
+from pipeline.imaging.maps import read_map
+
+INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
+
+
+@cache
+def program() -> str:
+    found = shutil.which(os.environ.get("POVRAY", "povray"))
+    if found is None:
+        raise InputError("POV-Ray is not installed", place=os.environ.get("POVRAY", "povray"), remedy=INSTALL)
+    return found
+
+
+@cache
+def version() -> str:
+    """Like 3.7.0.10."""
+    result = subprocess.run([program(), "--version"], capture_output=True, text=True, timeout=60,
+                            stdin=subprocess.DEVNULL)
+    match = re.search(r"POV-Ray (\d[\w.]*)", result.stdout + result.stderr)
+    if not match:
+        raise InputError("does not say its version", place=program(), remedy="reinstall POV-Ray 3.7")
+    if not match.group(1).startswith("3.7"):
+        raise InputError(f"is version {match.group(1)}", place=program(), remedy="install POV-Ray 3.7")
+    return match.group(1)
+
+
+def render(pov: Path, image: Path, width: int, height: int, *, threads: int | None = None,
+           timeout: float = 1800.0) -> float:
+    """Renders `pov` into the float EXR `image` unless that is there for the same text; seconds it took.
+
+    The EXR appears whole or not at all; beside it stand the log and the hash of what made it.
+    Raises InputError with POV-Ray's own error line, the template it comes from and the log's name.
+    """
+    stamp = image.with_suffix(".sha256")
+    text = pov.read_bytes()
+    digest = hashlib.sha256(text + f"{width}x{height} {version()}".encode()).hexdigest()
+    if image.exists() and stamp.exists() and stamp.read_text().split()[:1] == [digest]:
+        return 0.0
+    image.parent.mkdir(parents=True, exist_ok=True)
+    stamp.unlink(missing_ok=True)
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix=".render-", dir=image.parent) as folder:
+        partial = Path(folder) / "image.exr"
+        home = _confined_home(Path(folder), pov)
+        # POV-Ray changes into the file's folder itself; absolute names keep it independent of ours
+        command = [program(), f"+I{pov.resolve()}", f"+O{partial.resolve()}", "+FE", f"+W{width}", f"+H{height}",
+                   "-A", "-D", "-P", "-C", *([f"+WT{threads}"] if threads else [])]
+        log = _run(command, home, pov, image, timeout)
+        with replacing(image.with_suffix(".log")) as name:
+            name.write_text("command: " + " ".join(command) + "\n" + log)
+        try:
+            pixels = read_map(partial)
+        except InputError as error:
+            raise InputError(f"POV-Ray wrote no readable picture for {pov.name}", place=str(pov),
+                             remedy=f"see {image.with_suffix('.log')}; is the disk full?") from error
+        if not np.isfinite(pixels).all():
+            raise InputError(f"{int((~np.isfinite(pixels)).sum())} values of the render are not finite", place=str(pov),
+                             remedy="bound every ray (Fog_Backdrop) and check densities and light sizes")
+        if pixels.shape[:2] != (height, width):
+            raise InputError(f"render has {pixels.shape[1]}x{pixels.shape[0]} pixels, not {width}x{height}",
+                             place=str(pov), remedy="leave the picture's size to the command line")
+        os.replace(partial, image)
+    seconds = time.monotonic() - start
+    with replacing(stamp) as name:
+        name.write_text(f"{digest} {seconds:.3f}\n")
+    return seconds
+
+
+def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float) -> str:
+    environment = {**os.environ, "HOME": str(home)}
+    environment.pop("DISPLAY", None)
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                               env=environment, cwd=home, start_new_session=True, text=True, errors="replace")
+    try:
+        log, _ = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        _kill(process)
+        raise InputError(f"POV-Ray took longer than {timeout:g} s on {pov.name}", place=str(pov),
+                         remedy="lower samples or sub_lights, or raise render.timeout") from None
+    except BaseException:
+        _kill(process)
+        raise
+    if process.returncode == 0:
+        return log
+    log_file = image.with_suffix(".log")
+    with replacing(log_file) as name:
+        name.write_text("command: " + " ".join(command) + "\n" + log)
+    if process.returncode < 0 or process.returncode > 128:
+        number = -process.returncode if process.returncode < 0 else process.returncode - 128
+        raise InputError(f"POV-Ray was ended by signal {signal.Signals(number).name}", place=str(pov),
+                         remedy=f"a crash at the very end is a known fault of function densities at scene level; see {log_file}")
+    raise _explained(log, pov, log_file)
+
+
+def _kill(process: subprocess.Popen) -> None:
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+    process.wait()
+
+
+def _explained(log: str, pov: Path, log_file: Path) -> InputError:
+    """POV-Ray's own error, and the template line it comes from."""
+    match = re.search(r"File '([^']*)' line (\d+): (.*?)(?:\n\n|\Z)", log, re.S)
+    see = f"see {log_file}, which begins with the command"
+    if not match:
+        lines = [line for line in log.splitlines() if "error" in line.lower()] or log.splitlines()[-1:]
+        return InputError(f"POV-Ray failed: {lines[0] if lines else 'it said nothing'}", place=str(pov), remedy=see)
+    line, message = int(match.group(2)), match.group(3)
+    message = re.sub(r"\s+", " ", message).removeprefix("Parse Error: ").strip()
+    emitted = pov.read_text(errors="replace").splitlines()
+    return InputError(f"POV-Ray: {message} ({pov}:{line})", place=template_place(emitted, line) or f"{pov}:{line}",
+                      remedy=f"mend this line of the template; {see}")
+
+
+def template_place(emitted: list[str], line: int) -> str | None:
+    """FILE:LINE of the template that a line of a `.pov` file was written from, by its marker and text."""
+    marker = re.compile(r"^\s*// ---- (\S+)$")
+    wanted = emitted[min(line, len(emitted)) - 1].strip()
+    candidates: list[str] = []
+    for text in reversed(emitted[:line]):
+        found = marker.match(text)
+        if found and found.group(1) not in candidates:
+            candidates.append(found.group(1))
+    for name in candidates:
+        path = Path(name) if Path(name).is_absolute() else paths.PROJECT / name
+        if not path.is_file():
+            path = Path(name)
+        if path.is_file():
+            for number, text in enumerate(path.read_text(errors="replace").splitlines(), 1):
+                if text.strip() == wanted and wanted:
+                    return f"{name}:{number}"
+    return candidates[0] if candidates else None
+
+
+def _confined_home(folder: Path, pov: Path) -> Path:
+    """A home whose POV-Ray configuration lets a scene touch nothing but its own output."""
+    settings = folder / ".povray" / "3.7"
+    settings.mkdir(parents=True)
+    (settings / "povray.conf").write_text(
+        "[File I/O Security]\nrestricted\n[Shellout Security]\nforbidden\n[Permitted Paths]\n"
+        f'read = "{pov.parent.resolve()}"\nread = "/usr/share/povray-3.7"\n'
+        f'read+write = "{folder.resolve()}"\n')
+    return folder

@@ -1,0 +1,109 @@
+"""Which renders a scene needs, and how finely: the runs, with the reason for each choice."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from pipeline.plugins.base import Medium
+from pipeline.plugins.lights.sun import Sun
+from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, PlacedScene, Run
+
+#: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
+#: room for a lamp's peak above, and for shadow and dense fog below.
+TARGET_LEVEL = 16.0
+#: A midpoint step of a third of an optical depth is off by h^2/24 = 0.5 %.
+LARGEST_OPTICAL_STEP = 1 / 3
+
+#: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
+SINGLE_LIGHT_SAMPLES = 3
+
+
+def irradiance_run(scene: PlacedScene, light: str) -> Run:
+    points, _ = _grid(scene)
+    return Run(f"irradiance_{light}", "irradiance", [light], scene.camera.width, scene.camera.height,
+               _exposure(_irradiance(scene, light, points) / np.pi))
+
+
+def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int, in_scattering_size: int | None
+             ) -> list[Run]:
+    """Transmittance and in-scattering of each light.
+
+    in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
+    """
+    runs = []
+    width, height = scene.camera.width, scene.camera.height
+    reduction = min(1.0, (in_scattering_size or 10**9) / max(width, height))
+    small = (max(1, round(width * reduction)), max(1, round(height * reduction)))
+    points, directions = _grid(scene)
+    eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
+    extinction = np.add(*medium.coefficients())
+    deepest = min(FARTHEST_OPTICAL_DEPTH, float(extinction.max()) * 2 * scene.extent())
+    dense = int(np.ceil(deepest / LARGEST_OPTICAL_STEP))
+    for light in lights:
+        one = scene.lights[light]
+        irradiance = _irradiance(scene, light, points)
+        level = irradiance / np.pi * eye * np.exp(-extinction.mean() * one.incident(points)[1])
+        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level)))
+        if medium.coefficients()[1].max() > 0:
+            # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
+            size = (width, height) if isinstance(one, Sun) else small
+            # the shadow edges of many small lights blur one another's steps
+            count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
+            runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size,
+                            _exposure(_in_scattering(scene, medium, light, directions, points)), count))
+    return runs
+
+
+def as_json(run: Run) -> dict[str, Any]:
+    return asdict(run)
+
+
+def from_json(data: dict[str, Any]) -> Run:
+    return Run(**data)
+
+
+def _grid(scene: PlacedScene, count: int = 9) -> tuple[np.ndarray, np.ndarray]:
+    """Surface points (count, count, 3) [m] and ray directions over the photograph."""
+    camera = scene.camera.resized(count, count)
+    directions = camera.directions(camera.pixel_centres())
+    depth = np.full((count, count), np.inf)
+    for shape in scene.shapes.values():
+        depth = np.minimum(depth, shape.intersect(camera.position, directions)[0])
+    depth = np.where(np.isfinite(depth), depth, scene.extent())
+    return camera.position + depth[..., None] * directions, directions
+
+
+def _irradiance(scene: PlacedScene, light: str, points: np.ndarray) -> np.ndarray:
+    """Rough irradiance of the light at unit strength, where it falls."""
+    if isinstance(scene.lights[light], Sun):
+        return np.ones(points.shape[:-1])
+    return scene.lights[light].incident(points)[0]
+
+
+def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray
+                   ) -> np.ndarray:
+    """Rough, unoccluded V along the grid's rays; phase function taken as even."""
+    eye = scene.camera.position
+    total = np.zeros(points.shape[:-1])
+    steps = 32
+    scattering, extinction = medium.coefficients()[1].mean(), np.add(*medium.coefficients()).mean()
+    for k in range(steps):
+        sample = eye + (points - eye) * ((k + 0.5) / steps)
+        _, path = scene.lights[light].incident(sample)
+        step = np.linalg.norm(points - eye, axis=-1) / steps
+        attenuated = np.exp(-medium.optical_depth(eye, sample).mean(-1) - extinction * path)
+        total += _irradiance(scene, light, sample) * attenuated * scattering / (4 * np.pi) * step
+    return total
+
+
+def _exposure(level: np.ndarray) -> float:
+    """Power of two that brings the 90th percentile to the target; 2^k costs no digits."""
+    bright = float(np.percentile(level, 90))
+    if not bright > 1e-300:
+        bright = float(level.max())
+    if not bright > 1e-300:
+        return 1.0
+    return float(2.0 ** np.clip(np.round(np.log2(TARGET_LEVEL / bright)), -60, 60))

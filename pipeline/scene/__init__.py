@@ -1,0 +1,1 @@
+"""The scene file: its model, reading it with line numbers, overriding its values."""

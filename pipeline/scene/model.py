@@ -1,0 +1,109 @@
+"""The typed scene file. Everything a person can say about a photograph stands here or in a plugin."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints, model_validator
+
+from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, parameter
+from pipeline.plugins.choices import choice
+
+FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Segment = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
+
+
+class PhotographFile(Model):
+    """The clear photograph."""
+
+    file: FileName = parameter(description="in the scene's folder; JPEG, PNG, TIFF, EXR or HDR")
+    colour_space: Literal["auto", "srgb", "linear", "display_p3", "adobe_rgb"] = parameter(
+        "auto", description="auto: an embedded ICC profile, else sRGB for integer files and linear for float files")
+    max_megapixels: float = parameter(100.0, "megapixel", gt=0, le=2000, description="larger files are refused")
+
+
+class KnownLength(Model):
+    """One length in the photograph that is known in metres; sets the scale instead of the camera's height."""
+
+    pixels: Segment = parameter(unit="pixel", description="its two ends")
+    on: Literal["floor"] = parameter("floor", description="plane on which both ends lie")
+    length: float = parameter(unit="m", gt=0, le=1e6)
+
+
+class CameraDescription(Model):
+    """The camera: by lines along the room's edges, by angles, by fSpy, or directly in the world."""
+
+    lines: dict[Literal["x", "y", "z"], Annotated[list[Segment], Field(min_length=1, max_length=100)]] | None = parameter(
+        None, "pixel", description="segments along edges that run left-right (x), vertically (y), front-back (z)")
+    fspy: FileName | None = parameter(None, description="JSON exported by fSpy, in the scene's folder")
+    horizontal_field_of_view: float | None = parameter(None, "degree", gt=0.1, lt=179)
+    focal_length_35mm: float | None = parameter(None, "mm", gt=1, le=10000, description="35 mm equivalent; EXIF's when left out")
+    yaw: Finite | None = parameter(None, "degree", description="to the right of looking along -z")
+    pitch: Finite | None = parameter(None, "degree", description="upwards")
+    roll: Finite | None = parameter(None, "degree", description="clockwise")
+    principal_point: Pixel | Literal["estimate"] | None = parameter(None, "pixel", description="the centre when left out")
+    height: float | None = parameter(None, "m", gt=0, le=1e6, description="of the camera above the floor")
+    known_length: KnownLength | None = None
+    position: Vector | None = parameter(None, "m", description="with `look_at`: the camera in the world")
+    look_at: Vector | None = parameter(None, "m")
+
+    @model_validator(mode="after")
+    def _ways(self):
+        if (self.position is None) != (self.look_at is None):
+            raise ValueError("'position' and 'look_at' go together")
+        if self.position is None and (self.height is None) == (self.known_length is None):
+            raise ValueError("give the scale: one of 'height' and 'known_length'")
+        if self.fspy and self.lines:
+            raise ValueError("give either 'fspy' or 'lines'")
+        if self.position is not None and (self.lines or self.fspy):
+            raise ValueError("with 'position' and 'look_at', leave out 'lines' and 'fspy'")
+        return self
+
+
+class RenderSettings(Model):
+    """How finely the maps are rendered."""
+
+    samples: int = parameter(24, "1", ge=1, le=10000, description="points along each ray where fog is lit; more for dense fog")
+    in_scattering_size: int | None = parameter(
+        256, "pixel", ge=16, le=20000, description="longer side at which the glow of lamps is rendered; null for the photograph's")
+    threads: int | None = parameter(None, "1", ge=1, le=512, description="POV-Ray's work threads; all cores when left out")
+    timeout: float = parameter(1800.0, "s", gt=0, le=86400, description="a single POV-Ray run that takes longer is stopped")
+
+
+def scene_model() -> type[Model]:
+    """The scene file's model, over all plugins registered now."""
+    Shape, Light, Medium, Exporter = (choice(kind) for kind in ("shapes", "lights", "media", "exporters"))
+    Illumination, SunDirection = (choice("estimators", what) for what in ("illumination", "sun_direction"))
+
+    class Scene(Model):
+        """A photograph, its camera, geometry and lights, and one or more fogs."""
+
+        photograph: PhotographFile
+        camera: CameraDescription
+        shapes: dict[Name, Shape] = parameter(..., description="solid things, in an order in which each stands on earlier ones",
+                                              min_length=1, max_length=500)
+        lights: dict[Name, Light] = parameter(..., description="lamps, windows, the sun", min_length=1, max_length=500)
+        illumination: Illumination = parameter({"type": "karsch"}, description="how light strengths are found")
+        sun_direction: SunDirection = parameter({"type": "window_patches"}, description="how the sun's direction is found")
+        fog: Medium = parameter(description="the fog")
+        fogs: dict[Name, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one", max_length=500)
+        render: RenderSettings = RenderSettings()
+        exporter: Exporter = parameter({"type": "povray"}, description="renderer's language")
+
+        @model_validator(mode="after")
+        def _known_strengths(self):
+            if self.illumination.type == "manual":
+                for name, l in self.lights.items():
+                    if l.given_strength() is None:
+                        raise ValueError(f"light '{name}' states no {l.strength_name}, and illumination is manual")
+            if sum(l.type == "sun" for l in self.lights.values()) > 1:
+                raise ValueError("there is more than one light of type sun; put all windows into one")
+            return self
+
+    return Scene
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the scene file, for editors."""
+    schema = scene_model().model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "Fog scene"
+    return schema

@@ -1,0 +1,1 @@
+"""Stages: each reads files, calls pure functions, writes files. They meet in files only."""

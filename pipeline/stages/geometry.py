@@ -1,0 +1,41 @@
+"""Annotated shapes and lights -> geometry.json (world metres), depth.exr, surfaces.exr.
+
+surfaces.exr: R the index of the visible face, G the index of the light whose emitter is visible, -1 for none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.geometry.visibility import visible
+from pipeline.imaging.maps import write_map
+from pipeline.paths import Build
+from pipeline.plugins.base import World
+from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, write_json
+
+
+def run(build: Build) -> None:
+    camera = read_camera(build)
+    world = World(camera)
+    try:
+        shapes = {name: plugin_from_json("shapes", data).placed(name, world)
+                  for name, data in read_json(build.input("shapes")).items()}
+        lights = {name: plugin_from_json("lights", data).placed(name, world)
+                  for name, data in read_json(build.input("lights")).items()}
+    except InputError as error:
+        raise error.at(str(build.scene_file)) from None
+    depth, face, emitter = visible(camera, shapes, lights)
+    missed = ~np.isfinite(depth)
+    if missed.all():
+        raise InputError("no ray of the camera meets any shape", place=str(build.scene_file),
+                         remedy="check the camera's position and the room's corners")
+    if missed.any():
+        world.messages.append(f"{missed.mean():.1%} of the pixels look past all shapes; fog ends there at the farthest depth")
+        depth = np.where(missed, depth[~missed].max(), depth)
+    write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"}, is_depth=True)
+    write_map(build.surfaces, np.stack([face, emitter, np.zeros_like(face)], -1).astype(np.float32),
+              {"fog:content": "R: face index; G: visible light's index; -1: none"})
+    write_json(build.geometry, {
+        "shapes": shapes, "lights": lights, "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],
+        "residuals_pixel": world.residuals, "messages": world.messages})

@@ -1,0 +1,178 @@
+"""Photograph and clear renders of each light alone -> illumination.json, albedo.exr, basis/.
+
+basis/irradiance_LIGHT.exr (full size, direct, white surfaces) serves T as well; basis/bounce_LIGHT.exr (small,
+with interreflection on surfaces of the albedo estimated so far) serves the estimate alone.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import cv2
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.estimation.intensities import EstimationMaps, IntensityFit, estimate_intensities
+from pipeline.imaging.atomic import replacing
+from pipeline.imaging.maps import read_map, write_map
+from pipeline.paths import Build
+from pipeline.rendering import povray
+from pipeline.rendering.emit import PlacedScene, Run, Templates, emit
+from pipeline.rendering.runs import as_json, irradiance_run
+from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, write_json
+
+#: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
+ALBEDO_RANGE = (0.05, 0.95)
+
+
+def run(build: Build) -> None:
+    scene = read_placed(build)
+    settings = plugin_from_json("estimators", read_json(build.input("illumination")))
+    strengths = read_json(build.input("strengths"))
+    templates = Templates(build.source)
+    runs = {}
+    for light in scene.lights:
+        planned = irradiance_run(scene, light)
+        _render(build, planned, emit(planned, scene, templates))
+        runs[planned.id] = as_json(planned)
+    write_json(build.basis / "runs.json", runs)
+
+    given = {name: entry["given"] for name, entry in strengths.items() if entry["given"] is not None}
+    if len(given) == len(scene.lights):
+        lights = {name: {"strength": given[name], "source": "given"} for name in scene.lights}
+        fit, report = None, {"estimator": "none needed: every strength is given", "messages": []}
+        faces = {}
+    else:
+        try:
+            fit, faces = _estimate(build, scene, settings, given, templates)
+        except InputError as error:
+            raise error.at(f"{build.scene_file} (illumination)") from None
+        lights = {name: {"strength": fit.intensity[i].tolist(), "standard_error": fit.standard_error[i],
+                         "source": "given" if name in given else settings.type}
+                  for i, name in enumerate(scene.lights)}
+        report = {"estimator": settings.type, "scale_source": fit.scale_source, "messages": list(fit.messages),
+                  "residual_median": fit.residual_median, "residual_p90": fit.residual_p90,
+                  "condition_number": fit.condition_number, "usable_fraction": fit.usable_fraction,
+                  "correlation": fit.correlation,
+                  "inseparable": [[list(scene.lights)[i] for i in pair] for pair in fit.inseparable]}
+    for name, light in scene.lights.items():
+        lights[name].update(gain=strengths[name]["gain"], quantity=light.strength_name,
+                            unit=type(light).model_fields[light.strength_name].json_schema_extra["unit"])
+    names = [face for face, _ in scene.faces()]
+    write_json(build.illumination, {
+        **report, "lights": lights,
+        "face_albedo": {names[i]: np.clip(albedo, *ALBEDO_RANGE).tolist() for i, albedo in sorted(faces.items())}})
+    for message in report["messages"]:
+        print(f"  note: {message}", file=sys.stderr)
+    size = read_json(build.photograph_facts)
+    albedo = fit.albedo if fit is not None else np.full((1, 1, 3), 0.5)
+    albedo = cv2.resize(albedo.astype(np.float32), (size["width_pixel"], size["height_pixel"]),
+                        interpolation=cv2.INTER_LINEAR)
+    write_map(build.albedo, albedo, {"fog:content": "estimated diffuse albedo"})
+
+
+def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates
+              ) -> tuple[IntensityFit, dict[int, np.ndarray]]:
+    names = list(scene.lights)
+    maps, measured, at_least = _observations(build, scene, settings)
+    height, width = maps.surface.shape
+    small = scene.camera.resized(width, height)
+    small_scene = PlacedScene(small, scene.shapes, scene.lights)
+    stated = _stated_albedos(scene)
+    albedos = {i: stated.get(i, np.full(3, settings.default_albedo)) for i in range(len(scene.faces()))}
+    fit = None
+    for turn in range(settings.rounds):
+        basis = np.stack([_bounce(build, small_scene, light, albedos, maps.surface, settings, templates)
+                          for light in names])
+        fit = estimate_intensities(
+            EstimationMaps(maps.photograph, basis, maps.surface, maps.emitter, maps.clipped, maps.annotated), names,
+            given={names.index(name): value for name, value in given.items()}, measured=measured, at_least=at_least,
+            start=fit.intensity if fit else None, max_side=settings.size)
+        albedos = {i: stated.get(i, np.clip(fit.surface_albedo.get(i, np.full(3, settings.default_albedo)), *ALBEDO_RANGE))
+                   for i in albedos}
+        print(f"  round {turn + 1}/{settings.rounds}: median residual {fit.residual_median:.1%}", file=sys.stderr)
+        if settings.bounces == 0:
+            break
+    return fit, albedos
+
+
+def _stated_albedos(scene: PlacedScene) -> dict[int, np.ndarray]:
+    stated, index = {}, 0
+    for shape in scene.shapes.values():
+        for _ in shape.faces():
+            if shape.albedo is not None:
+                stated[index] = np.asarray(shape.albedo, float)
+            index += 1
+    return stated
+
+
+def _observations(build: Build, scene: PlacedScene, settings):
+    """The photograph and what each pixel shows, at the estimate's size; radiance of visible lamps."""
+    photograph = read_map(build.photograph)
+    clipped = read_map(build.shared / "clipped.exr") > 0.5
+    surfaces = read_map(build.surfaces)
+    height, width = clipped.shape
+    surface, emitter = surfaces[..., 0].astype(np.int32), surfaces[..., 1].astype(np.int32)
+    measured, at_least = {}, {}
+    for index, light in enumerate(scene.lights.values()):
+        shown = emitter == index
+        if light.strength_name != "radiance" or not shown.any():
+            continue
+        core = cv2.erode(shown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        core = core if core.any() else shown
+        radiance = np.median(photograph[core], axis=0).astype(float)
+        # a lamp that is burnt out shows only that it is brighter than white
+        (at_least if clipped[core].mean() > 0.5 else measured)[index] = radiance
+    annotated = []
+    for region in settings.albedos:
+        mask = np.zeros((height, width), np.uint8)
+        cv2.fillPoly(mask, [np.round(np.asarray(region.pixels) - 0.5).astype(np.int32)], 1)
+        if not mask.any():
+            raise InputError(f"albedo region {region.pixels[0]}... covers no pixel of the photograph",
+                             remedy="give its outline in pixels of the photograph")
+        annotated.append((mask > 0, np.asarray(region.albedo)))
+    stated, index = _stated_albedos(scene), 0
+    for index, albedo in stated.items():
+        if (surface == index).any():
+            annotated.append((surface == index, albedo))
+
+    scale = min(1.0, settings.size / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+
+    def mean(image):
+        return cv2.resize(np.ascontiguousarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
+
+    def nearest(labels):
+        return cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
+
+    small_emitter = nearest(emitter)
+    for index in np.unique(emitter[emitter >= 0]):
+        small_emitter[mean(emitter == index) > 0] = index
+    maps = EstimationMaps(
+        mean(photograph).astype(float), np.zeros((0,)), nearest(surface), small_emitter, mean(clipped) > 0,
+        tuple((mean(mask) > 0.5, albedo) for mask, albedo in annotated if (mean(mask) > 0.5).any()))
+    return maps, measured, at_least
+
+
+def _bounce(build: Build, scene: PlacedScene, light: str, albedos: dict[int, np.ndarray], surface: np.ndarray,
+            settings, templates: Templates) -> np.ndarray:
+    """Irradiance/pi (h, w, 3) of one light at unit strength, interreflection included."""
+    full = irradiance_run(scene, light)
+    planned = Run(f"bounce_{light}", "bounce", [light], scene.camera.width, scene.camera.height, full.exposure,
+                  options={"bounces": settings.bounces, "rays": 120})
+    listed = [albedos[i].tolist() for i in range(len(albedos))]
+    _render(build, planned, emit(planned, scene, templates, albedos=listed))
+    reflected = read_map(build.basis / f"{planned.id}.exr").astype(float) / planned.exposure
+    of_face = np.array([*listed, [1.0, 1.0, 1.0]])[surface]
+    return reflected / np.maximum(of_face, 1e-3)
+
+
+def _render(build: Build, planned: Run, text: str) -> None:
+    build.basis.mkdir(parents=True, exist_ok=True)
+    pov = build.basis / f"{planned.id}.pov"
+    if not pov.exists() or pov.read_text(encoding="utf-8") != text:
+        with replacing(pov) as name:
+            name.write_text(text, encoding="utf-8")
+    seconds = povray.render(pov, build.basis / f"{planned.id}.exr", planned.width, planned.height)
+    if seconds:
+        print(f"  {planned.id}: {seconds:.1f} s", file=sys.stderr, flush=True)

@@ -1,0 +1,58 @@
+"""Scene file and overrides -> inputs/*.json, each part touched only when it changed.
+
+Make compares time stamps: a stage depends on its own part of the scene, so that a change of the fog
+redoes no geometry, and a change of a light's strength renders nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+from pipeline.errors import InputError
+from pipeline.paths import Build, inside
+from pipeline.plugins.base import Model
+from pipeline.scene.artefacts import write_json_if_changed
+from pipeline.scene.load import load_scene
+
+
+def run(build: Build, overrides: dict[str, str]) -> Model:
+    if build.scenes.is_dir() and not build.source.is_dir():
+        from pipeline.scene.load import _nearest, _other_scenes
+
+        raise InputError(f"no scene is called '{build.scene}'", place=str(build.source),
+                         remedy=_other_scenes(build.scene_file))
+    scene = load_scene(build.scene_file, overrides, build.fog)
+    photograph = inside(build, scene.photograph.file)
+    lights = {name: light.model_dump(mode="json") for name, light in scene.lights.items()}
+    strengths = {}
+    for name, light in scene.lights.items():
+        # what relights is no business of the geometry
+        strengths[name] = {"gain": lights[name].pop("gain"), "given": lights[name].pop(light.strength_name)}
+    parts = {
+        "photograph": {**scene.photograph.model_dump(mode="json"), "sha256": _sha256(photograph)},
+        "camera": scene.camera.model_dump(mode="json"),
+        "shapes": {name: shape.model_dump(mode="json") for name, shape in scene.shapes.items()},
+        "lights": lights,
+        "strengths": strengths,
+        "illumination": scene.illumination.model_dump(mode="json"),
+        "sun_direction": scene.sun_direction.model_dump(mode="json"),
+        "fog": scene.fog.model_dump(mode="json"),
+        "render": scene.render.model_dump(mode="json"),
+    }
+    if scene.camera.fspy:
+        parts["camera"]["fspy_sha256"] = _sha256(inside(build, scene.camera.fspy))
+    for part, value in parts.items():
+        write_json_if_changed(build.input(part), value)
+    return scene
+
+
+def _sha256(path) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        hint = "; `make photos` fetches it" if (path.parent.parent / "photograph.yaml").exists() or (
+            path.parent / "photograph.yaml").exists() else ""
+        raise InputError("no such file", place=str(path), remedy="put it there or correct its name" + hint) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", place=str(path), remedy="check the file") from None

@@ -1,0 +1,1 @@
+"""References for the tests: known answers that share no code with the pipeline."""
