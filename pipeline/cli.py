@@ -7,6 +7,7 @@ KEY=VALUE a line), so that no value passes through a shell.
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import json
 import os
@@ -39,20 +40,37 @@ def main(arguments: list[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         return options.run(options) or 0
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+        return _refused(error)
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept", file=sys.stderr)
         return 130
     except OSError as error:
-        if error.errno in (28, 122):  # ENOSPC, EDQUOT
-            print(f"error: {error.filename or 'build'}: the disk is full; free some space and run again", file=sys.stderr)
-            return 2
-        raise
+        if error.errno is None:
+            raise
+        return _refused(_of_the_machine(error))
+
+
+def _refused(error: InputError) -> int:
+    print(f"error: {error}", file=sys.stderr)
+    return 2
+
+
+def _of_the_machine(error: OSError) -> InputError:
+    """A full disk, a folder that may not be written, and what else a program meets on a machine."""
+    remedy = {errno.ENOSPC: "free some space and run again", errno.EDQUOT: "free some space and run again",
+              errno.ENOTDIR: "remove the file that stands where a folder belongs",
+              errno.EEXIST: "remove the file that stands where a folder belongs",
+              }.get(error.errno, "check that it exists and may be read and written")
+    return InputError(f"{error.strerror}", place=str(error.filename or "this machine"), remedy=remedy)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str):
+        raise InputError(message, place="command line", remedy=f"see {self.prog} --help")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m pipeline", description="Physically based fog for one photograph.")
+    parser = _Parser(prog="python -m pipeline", description="Physically based fog for one photograph.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
                        ("run", "all stages, in order")]:

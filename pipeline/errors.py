@@ -6,6 +6,8 @@ its one line and exits with status 2. Any other exception is a bug of ours and k
 
 from __future__ import annotations
 
+import difflib
+
 
 class InputError(Exception):
     """A mistake in a scene file, a photograph, a template, the command line or the machine's set-up.
@@ -21,6 +23,12 @@ class InputError(Exception):
     def at(self, place: str) -> "InputError":
         """The same mistake with its place filled in by a caller who knows the file."""
         return self if self.place else InputError(self.problem, remedy=self.remedy, place=place)
+
+
+def nearest(word: str, among: list[str]) -> str:
+    """" (did you mean 'x'?)" with the one of `among` most alike, or nothing."""
+    near = difflib.get_close_matches(word, among, n=1, cutoff=0.6)
+    return f" (did you mean '{near[0]}'?)" if near else ""
 
 
 def _one_line(text: str) -> str:

@@ -64,6 +64,11 @@ class Build:
         folder = self.out if part in ("fog", "render") else self.shared
         return folder / "inputs" / f"{part}.json"
 
+    @property
+    def lines(self) -> Path:
+        """Line of each key in the scene file, for messages."""
+        return self.out / "inputs" / "lines.json"
+
     # of the photograph
     @property
     def photograph(self) -> Path:

@@ -44,8 +44,8 @@ from pipeline.estimation.albedo import (
 DEFAULT_ALBEDO_SPREAD = 0.35  # sd of log mean albedo among rooms: 0.35 to 0.7 lie within one
 GREY_SPREAD = 0.25  # most that the log mean albedo of a room is taken to differ between channels
 SEGMENT_SPREAD = 0.6  # sd of a surface's log albedo: black rubber to white paint within two
-ANNOTATED_SPREAD = 0.01  # relative: an annotated albedo wins over everything but a given intensity
-MEASURED_SPREAD = 0.05  # relative: bloom and tone curve of a camera near white
+ANNOTATED_SPREAD = 0.01  # relative: an annotated albedo wins over what the surfaces suggest
+MEASURED_SPREAD = 0.004  # relative: an unclipped emitter pixel is the radiance, and wins over an annotated albedo
 LIGHT_COLOUR_SPREAD = 0.3  # relative: tungsten beside daylight after white balance
 MODEL_ERROR = 0.05  # relative error of a render over boxes below which residuals say nothing
 # Neighbouring pixels share their errors. One observation is counted for this many reduced pixels in
@@ -200,7 +200,14 @@ def estimate_intensities(
 
     correlation, condition, pairs = _separability(problem, solution, seen)
     messages += _remarks(names, intensity, error, given, measured, at_least, seen, pairs, correlation)
-    segment_albedo = np.exp(solution.log_albedo[: len(problem.face_of_segment)])
+    count = len(problem.face_of_segment)
+    for stated, fitted in zip(np.exp(problem.prior_albedo[count:]), np.exp(solution.log_albedo[count:])):
+        if not 0.85 < fitted.mean() / stated.mean() < 1.18:
+            messages.append(
+                f"the annotated albedo {np.round(stated, 2).tolist()} contradicts the lights, which ask for "
+                f"{np.round(fitted, 2).tolist()} there: check it, and the lamps' strengths"
+            )
+    segment_albedo = np.exp(solution.log_albedo[:count])
     segment_albedo = np.clip(segment_albedo, LOWEST_ALBEDO, HIGHEST_ALBEDO)
     albedo, segment, surface_albedo = _albedo_maps(maps, problem, segment_albedo, intensity)
     if scale_source != "default albedo 0.5":
@@ -384,10 +391,10 @@ def _problem(small, usable, given, measured, at_least, messages):
         if lit[light]:
             prior[light] = lower[light] = value * to_scaled[light]
         fixed[light] = True
-    if anchors:
-        source = "annotated albedo"
-    elif any(lit[light] and (value > 0).all() for light, value in measured.items() if light not in given):
+    if any(lit[light] and (value > 0).all() for light, value in measured.items() if light not in given):
         source = "emitter pixel"
+    elif anchors:
+        source = "annotated albedo"
     elif any(lit[light] and (value > 0).all() for light, value in given.items()):
         source = "given intensity"
     else:

@@ -43,6 +43,11 @@ def write_map(path: str | os.PathLike, array: np.ndarray, metadata: Metadata = {
         succeeded = output.close() and succeeded
         if not succeeded:
             raise OSError(output.geterror())
+        # the writer says nothing of what its last buffer could not hold (measured with OpenEXR by OIIO 3.2)
+        written = oiio.ImageInput.open(str(partial))
+        if written is None or written.read_scanlines(height - 1, height, 0, 0, channels) is None:
+            oiio.geterror()
+            raise OSError("it ends early, as on a full disk")
 
 
 def read_map(path: str | os.PathLike) -> np.ndarray:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import cv2
 import numpy as np
+from scipy.ndimage import median_filter
 
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
@@ -29,15 +30,18 @@ COLOURS = {
     "room": (255, 255, 255), "shape": (70, 225, 235), "lamp": (255, 165, 50), "window": (255, 85, 85),
     "patch": (85, 235, 120), "cast": (205, 110, 255), "shaft": (85, 155, 255), "sun": (255, 236, 80),
     "horizon": (190, 190, 190), "x": (255, 105, 105), "y": (120, 235, 120), "z": (120, 165, 255)}
-#: Depths of an edge and of the surface it lies on agree so far [share]: float32, and faces that coincide.
-COINCIDENT = 3e-3
+#: An edge may lie so far [share of its depth] behind a surface and count as seen: boxes are fitted one by
+#: one, and one that stands at a wall ends a centimetre before or behind it.
+COINCIDENT = 2e-2
+#: Points [pixel of 16ths] for OpenCV's drawing, which takes integers.
+FRACTION_BITS = 4
 
 
 def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape], lights: Mapping[str, Light],
             depth: np.ndarray, clicks: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> np.ndarray:
     """The annotated picture (h, w, 3) uint8, of at most 2000 pixels on its long side.
 
-    photograph: (H, W, 3) uint8, RGB as on a screen. camera, shapes, lights: placed, of the photograph's size.
+    photograph: uint8, RGB as on a screen, of any size; camera: of the true size (H, W); all is placed.
     depth: (H, W) radial [m], tells hidden edges (thin) from visible ones. clicks: pairs of pixels (2,) of the
     photograph, an annotated corner and the corner fitted to it.
     """
@@ -123,12 +127,12 @@ class Canvas:
     """The photograph at drawing size, and how world points come onto it."""
 
     def __init__(self, photograph: np.ndarray, camera: Camera, depth: np.ndarray):
-        height, width = photograph.shape[:2]
+        height, width = camera.height, camera.width
         long_side = max(height, width)
         scale = float(np.clip(long_side, *LONG_SIDE)) / long_side
         self.size = (max(1, round(width * scale)), max(1, round(height * scale)))
         size = (self.size[0] * SUPERSAMPLING, self.size[1] * SUPERSAMPLING)
-        enlarge = cv2.INTER_CUBIC if scale * SUPERSAMPLING > 1 and min(height, width) > 3 else cv2.INTER_AREA
+        enlarge = cv2.INTER_CUBIC if max(size) > max(photograph.shape) else cv2.INTER_AREA
         # darker, so that lines stand out from white walls
         self.image = (cv2.resize(photograph, size, interpolation=enlarge) * 0.72).astype(np.uint8)
         self.plain = self.image.copy()
@@ -136,11 +140,12 @@ class Canvas:
         self.depth = depth
         self.farthest = cv2.dilate(depth.astype(np.float32), np.ones((3, 3), np.uint8))
         self.unit = min(max(size), 2 * min(size)) / 1000
-        self.labels: list[tuple[np.ndarray, str, tuple]] = []
+        # middle and extent [pixel] of what is named, its name and colour
+        self.labels: list[tuple[np.ndarray, np.ndarray, str, tuple]] = []
         self.planes = self._frustum()
 
     def _frustum(self) -> np.ndarray:
-        """(5, 4) half-spaces of the camera frame: before the near plane, and inside a margin of the picture."""
+        """(5, 4) half-spaces of the camera frame: before the near plane, inside the picture and a margin."""
         f, (cx, cy) = self.camera.focal_length, self.camera.principal_point
         width, height, margin = self.camera.width, self.camera.height, 12 * self.unit
         near = 1e-6 * max(float(self.depth.max()), 1e-12)  # any positive share: the sides bound the pixels
@@ -150,15 +155,20 @@ class Canvas:
     def _in_camera(self, points: np.ndarray) -> np.ndarray:
         return (np.asarray(points, float) - self.camera.position) @ self.camera.world_from_camera
 
+    def _sees(self, points: np.ndarray) -> bool:
+        return bool((self._in_camera(points) @ self.planes[:, :3].T + self.planes[:, 3]).min() >= 0)
+
     def _pixels(self, in_camera: np.ndarray) -> np.ndarray:
-        return self.camera.focal_length * in_camera[..., :2] / in_camera[..., 2:] + self.camera.principal_point
+        camera = self.camera
+        return camera.focal_length * in_camera[..., :2] / in_camera[..., 2:] + camera.principal_point
 
     def _stroke(self, pixels: np.ndarray, colour: tuple, width: float, cased: bool = True) -> None:
         """A line through `pixels` (n, 2), in `width` thousandths of the picture, dark along its sides."""
-        points = [np.round(pixels * 16).astype(np.int32)]
+        points = [_fixed_point(pixels)]
         strokes = [((0, 0, 0), width + 1.6), (colour, width)] if cased else [(colour, width)]
         for tone, thickness in strokes:
-            cv2.polylines(self.image, points, False, tone, max(1, round(thickness * self.unit)), cv2.LINE_AA, 4)
+            cv2.polylines(self.image, points, False, tone, max(1, round(thickness * self.unit)), cv2.LINE_AA,
+                          FRACTION_BITS)
 
     def line(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 1.6, cased: bool = True
              ) -> np.ndarray | None:
@@ -181,13 +191,15 @@ class Canvas:
         inverse = (1 - share) / part[0, 2] + share / part[1, 2]
         middle = (inverse[1:] + inverse[:-1]) / 2
         rays = (pixels[1:] + pixels[:-1]) / 2
-        beside = np.append((rays - self.camera.principal_point).T / self.camera.focal_length, [np.ones(96)], 0)
-        distance = np.linalg.norm(beside, axis=0) / middle
+        beside = np.linalg.norm(rays - self.camera.principal_point, axis=1) / self.camera.focal_length
+        distance = np.hypot(beside, 1) / middle
         seen = distance <= self._looked_up(self.farthest, rays) * (1 + COINCIDENT)
+        seen = median_filter(seen, 9, mode="nearest")  # where two surfaces coincide it flickers
         first = 0
         for i in range(1, 97):
             if i == 96 or seen[i] != seen[first]:
-                self._stroke(pixels[first : i + 1], colour, 2.2 if seen[first] else 0.8, cased=bool(seen[first]))
+                shown = bool(seen[first])
+                self._stroke(pixels[first : i + 1], colour, 2.2 if shown else 0.8, cased=shown)
                 first = i
 
     def _looked_up(self, values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -196,11 +208,13 @@ class Canvas:
         v = np.clip(pixels[:, 1] * height / self.camera.height, 0, height - 1).astype(int)
         return values[v, u]
 
-    def polygon(self, points: np.ndarray, colour: tuple, name: str = "", fill: float = 0.2, width: float = 2.2) -> None:
+    def polygon(self, points: np.ndarray, colour: tuple, name: str = "", fill: float = 0.2, width: float = 2.2
+                ) -> None:
+        """A translucent outline; `fill` is its opacity."""
         inside = clip_polygon(self._in_camera(points), self.planes)
         if len(inside) >= 3:
             mask = np.zeros(self.image.shape[:2], np.uint8)
-            cv2.fillPoly(mask, [np.round(self._pixels(inside) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+            cv2.fillPoly(mask, [_fixed_point(self._pixels(inside))], 255, cv2.LINE_AA, FRACTION_BITS)
             rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
             if len(rows):
                 part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -219,22 +233,22 @@ class Canvas:
         across = np.array([-along[1], along[0]])
         long = 5 * width * self.unit
         head = pixels[1] + long * np.array([0 * along, -along + 0.42 * across, -along - 0.42 * across])
-        cv2.fillPoly(self.image, [np.round(head * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
-        cv2.polylines(self.image, [np.round(head * 16).astype(np.int32)], True, (0, 0, 0),
-                      max(1, round(0.6 * self.unit)), cv2.LINE_AA, 4)
+        cv2.fillPoly(self.image, [_fixed_point(head)], colour, cv2.LINE_AA, FRACTION_BITS)
+        cv2.polylines(self.image, [_fixed_point(head)], True, (0, 0, 0), max(1, round(0.6 * self.unit)),
+                      cv2.LINE_AA, FRACTION_BITS)
         return pixels[1]
 
     def marker(self, point: np.ndarray, colour: tuple, name: str = "") -> None:
         """A bulb: a cross with a ring."""
-        place = self._in_camera(point)
-        if (self.planes[:, :3] @ place + self.planes[:, 3]).min() < 0:
+        if not self._sees(np.asarray(point)[None]):
             return
+        place = self._in_camera(point)
         self._ring(self._pixels(place), colour, 6, 2.0)
         self._cross(self._pixels(place), colour, 9, 1.6)
         self.label(np.asarray(point)[None], name, colour)
 
     def click(self, clicked: np.ndarray, fitted: np.ndarray) -> None:
-        """A cross where a person clicked, a ring where the fit put that corner, a line from one to the other."""
+        """A cross where a person clicked, a ring where the fit put that corner, a line between them."""
         scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
         clicked, fitted = np.asarray(clicked) * scale, np.asarray(fitted) * scale
         reach = 2 * max(self.image.shape)
@@ -264,7 +278,8 @@ class Canvas:
         pixels = self.line(middle - reach, middle + reach, COLOURS["horizon"], 1.0)
         if pixels is not None:
             end = pixels[np.argmax(pixels[:, 0])]
-            self.labels.append((end - [40 * self.unit, 0], "horizon", COLOURS["horizon"]))
+            place, extent = end - [40 * self.unit, 0], np.full(2, 2 * self.unit)
+            self.labels.append((place, extent, "horizon", COLOURS["horizon"]))
 
     def axes(self) -> None:
         """The world's x, y and z, standing where most room is left on the floor, or on whatever is seen."""
@@ -274,27 +289,33 @@ class Canvas:
         scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
         pixels = (np.stack([columns, rows], -1) * step + step // 2 + 0.5) * scale
         points = self.camera.position + depth[..., None] * self.camera.directions(pixels)
-        free = np.pad((self.image == self.plain).all(-1).astype(np.uint8), 1)  # a frame keeps it off the border
-        room = cv2.distanceTransform(free, cv2.DIST_L2, 3)[1:-1, 1:-1]
+        free = (self.image == self.plain).all(-1).astype(np.uint8)
+        room = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]  # the border is taken, too
         clearance = room[pixels[..., 1].astype(int), pixels[..., 0].astype(int)]
         floor = np.abs(points[..., 1]) < COINCIDENT * depth
         best = np.argmax(np.where(floor, clearance, -1) if floor.any() else clearance)
         origin = points.reshape(-1, 3)[best]
-        # a round length whose picture is about an eighth of the photograph's
-        wanted = 0.13 * 1000 * self.unit * self._in_camera(origin)[2] / self.camera.focal_length
+        # a round length, a fifth of the photograph at most, whose ends are all seen
+        wanted = 0.2 * 1000 * self.unit * self._in_camera(origin)[2] / self.camera.focal_length
         decade = 10.0 ** np.floor(np.log10(wanted))
-        length = decade * max(m for m in (1, 2, 5) if m * decade <= wanted * (1 + 1e-9))
+        lengths = decade * np.array([5, 3, 2, 1, 0.5, 0.3, 0.2, 0.1])
+        lengths = lengths[lengths <= wanted * (1 + 1e-9)]
+        length = next((x for x in lengths if self._sees(origin + x * np.eye(3))), lengths[-1])
         for name, axis in zip("xyz", np.eye(3)):
-            tip = self.arrow(origin, origin + length * axis, COLOURS[name], 1.8)
+            tip = self.arrow(origin, origin + length * axis, COLOURS[name], 2.4)
             if tip is not None:
                 start = self._pixels(self._in_camera(origin))
                 out = (tip - start) / max(np.linalg.norm(tip - start), 1e-9)
-                self.labels.append((tip + 16 * self.unit * out, name, COLOURS[name]))
-        below = self._pixels(self._in_camera(origin)) + [0, 22 * self.unit]
-        self.labels.append((below, f"{'floor, ' if floor.any() else ''}{length:g} m", (255, 255, 255)))
+                self.labels.append((tip + 16 * self.unit * out, np.full(2, np.inf), name, COLOURS[name]))
+        middle = self._pixels(self._in_camera(origin))
+        extent = np.full(2, 24 * self.unit)
+        name = f"{'floor, ' if floor.any() else ''}{length:g} m"
+        self.labels.append((middle, extent, name, (255, 255, 255)))
 
     def label(self, points: np.ndarray, text: str, colour: tuple) -> None:
-        """Names the middle of what is seen of `points` (n, 3)."""
+        """Names the middle of what is seen of `points` (n, 3); of several of one name the first one seen."""
+        if any(text == known for _, _, known, _ in self.labels):
+            return
         inside = self._in_camera(points)
         inside = clip_polygon(inside, self.planes) if len(inside) in (3, 4) else inside[inside[:, 2] > 0]
         if not len(inside):
@@ -303,16 +324,17 @@ class Canvas:
         low, high = np.zeros(2), np.array([self.camera.width, self.camera.height])
         if (pixels.max(0) < low).any() or (pixels.min(0) > high).any():
             return
-        self.labels.append((np.clip(pixels, low, high).mean(0), text, colour))
+        pixels = np.clip(pixels, low, high)
+        self.labels.append((pixels.mean(0), np.ptp(pixels, axis=0), text, colour))
 
     def finished(self) -> np.ndarray:
         """Writes the names, each moved until it covers no other, and averages down."""
         taken: list[tuple[float, float, float, float]] = []
-        for anchor, text, colour in self.labels:
-            self._write(anchor, text, colour, taken)
+        for label in self.labels:
+            self._write(*label, taken)
         return cv2.resize(self.image, self.size, interpolation=cv2.INTER_AREA)
 
-    def _write(self, anchor: np.ndarray, text: str, colour: tuple, taken: list) -> None:
+    def _write(self, anchor: np.ndarray, extent: np.ndarray, text: str, colour: tuple, taken: list) -> None:
         font, scale, thick = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * self.unit, max(1, round(0.9 * self.unit))
         (width, height), below = cv2.getTextSize(text, font, scale, thick)
         pad = 3.5 * self.unit
@@ -320,9 +342,12 @@ class Canvas:
         room = np.array([self.camera.width, self.camera.height]) - box
         if (room < 0).any():
             return  # no place for names in so narrow a picture
-        steps = [(0, 0)] + [(x, y) for r in (1, 2, 3, 4) for x, y in ((0, r), (0, -r), (r / 2, 0), (-r / 2, 0))]
+        if (extent < 1.6 * box).any():  # beside what is too small to be written on
+            anchor = anchor + [0, (extent[1] + box[1]) / 2 + 2 * self.unit]
+        steps = [(0, 0)] + [step for r in (1, 2, 3, 4) for step in ((0, r), (0, -r), (r / 2, 0), (-r / 2, 0))]
         corners = [np.clip(anchor - box / 2 + np.multiply(step, box * 1.08), 0, room) for step in steps]
-        free = [c for c in corners if all((c + box <= t[:2]).any() or (c >= t[2:]).any() for t in np.reshape(taken, (-1, 4)))]
+        others = np.reshape(taken, (-1, 4))
+        free = [c for c in corners if ((c + box <= others[:, :2]) | (c >= others[:, 2:])).any(1).all()]
         corner = free[0] if free else corners[0]
         taken.append((*corner, *(corner + box)))
         left, top = np.round(corner).astype(int)
@@ -331,6 +356,11 @@ class Canvas:
         plate[:] = plate * np.float32(0.3) + np.float32(12)
         origin = (int(left + pad), int(top + pad + height))
         cv2.putText(self.image, text, origin, font, scale, colour, thick, cv2.LINE_AA)
+
+
+def _fixed_point(pixels: np.ndarray) -> np.ndarray:
+    # OpenCV counts from the first pixel's centre, this project from its corner
+    return np.round((pixels - 0.5) * 2**FRACTION_BITS).astype(np.int32)
 
 
 def _edges(faces) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -357,25 +387,26 @@ def _draw_lamp(canvas: Canvas, name: str, light: Light) -> None:
         canvas.marker(point, COLOURS["lamp"], name)
 
 
-def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, direction: Sequence[float] | None) -> None:
+def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, direction: Sequence[float] | None
+                  ) -> None:
     window, patches = opening.window.polygon, [p.polygon for p in opening.patches]
     try:
         for hull in shaft_hulls(window, patches, key):
             for a, b in _edges(hull.vertices[list(face)] for face in hull.faces):
                 canvas.line(a, b, COLOURS["shaft"], 1.6)
-            canvas.label((window.mean(0) + hull.vertices.mean(0))[None] / 2, "shaft", COLOURS["shaft"])
+            canvas.label(hull.vertices, "shaft", COLOURS["shaft"])
     except InputError:
         pass  # the stage that needs the volume refuses it with its reason; the rest is still worth seeing
     for patch in patches:
-        canvas.polygon(patch, COLOURS["patch"], f"{name}.{key} patch")
+        canvas.polygon(patch, COLOURS["patch"], f"{name}.{key} patch", width=4.0)
     canvas.polygon(window, COLOURS["window"], f"{name}.{key}")
     if direction is None:
         return
     direction = np.asarray(direction, float)
     for cast in cast_window(window, direction, patches):
         if len(cast) >= 3:
-            canvas.polygon(cast, COLOURS["cast"], "cast", fill=0.12)
+            canvas.polygon(cast, COLOURS["cast"], "cast", fill=0.12, width=1.4)
     middle = window.mean(0)
     length = np.linalg.norm(np.mean([p.mean(0) for p in patches], axis=0) - middle)
     canvas.arrow(middle, middle + length * direction, COLOURS["sun"], 3.2)
-    canvas.label((middle + 0.62 * length * direction)[None], name, COLOURS["sun"])
+    canvas.label(middle + length * np.outer([0.45, 0.9], direction), name, COLOURS["sun"])

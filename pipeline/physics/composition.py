@@ -35,3 +35,17 @@ def combined_transmittance(
 def composite(radiance: np.ndarray, transmittance: np.ndarray, in_scattering: np.ndarray) -> np.ndarray:
     """Foggy radiance C = R * T + V, linear, scene-referred (Zhao et al. 2013, section 4)."""
     return radiance * transmittance + in_scattering
+
+
+def with_restored_lamps(radiance: np.ndarray, clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.ndarray]
+                        ) -> np.ndarray:
+    """The photograph with the estimated radiance where it shows a lamp burnt out, (H, W, 3).
+
+    A clipped pixel is as bright as white; dimmed by fog it would turn into a grey hole in the middle of its own
+    glow. clipped: (H, W). emitter: (H, W) index of the light seen, -1 none. strengths: radiance (3,) by index.
+    """
+    restored = np.array(radiance, float)
+    for index, strength in strengths.items():
+        shown = clipped & (emitter == index)
+        restored[shown] = np.maximum(restored[shown], strength)
+    return restored

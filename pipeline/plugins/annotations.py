@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pipeline.geometry import planes
-from pipeline.plugins.base import Finite, Model, Pixel, Vector, World, parameter
+from pipeline.plugins.base import Finite, Model, Pixel, Vector, World, mistake, parameter
 
 MAX_VERTICES = 200
 
@@ -30,9 +30,10 @@ class Outline(Model):
     @model_validator(mode="after")
     def _one_way(self):
         if (self.points is None) == (self.pixels is None):
-            raise ValueError("give either 'on' and 'pixels', or 'points' in metres")
+            raise mistake("both 'pixels' and 'points' are there" if self.points else "no corners",
+                          "give either 'on' and 'pixels', or 'points' in metres")
         if (self.pixels is None) != (self.on is None):
-            raise ValueError("'on' and 'pixels' go together")
+            raise mistake("'on' and 'pixels' go together", "give " + ("'on', the plane" if self.on is None else "'pixels'"))
         return self
 
     def placed(self, name: str, world: World) -> "Outline":
@@ -62,9 +63,10 @@ class Position(Model):
     @model_validator(mode="after")
     def _one_way(self):
         if (self.point is None) == (self.pixel is None):
-            raise ValueError("give either 'point' in metres, or 'pixel' with 'depth' or 'on'")
+            raise mistake("both 'pixel' and 'point' are there" if self.point else "no position",
+                          "give either 'point' in metres, or 'pixel' with 'depth' or 'on'")
         if self.pixel is not None and (self.depth is None) == (self.on is None):
-            raise ValueError("'pixel' needs one of 'depth' and 'on'")
+            raise mistake("'pixel' needs one of 'depth' and 'on'", "give the one that is known")
         return self
 
     def placed(self, name: str, world: World) -> "Position":

@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic_core import PydanticCustomError
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, nearest
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane, polygon_normal
 
@@ -36,10 +37,15 @@ def parameter(default: Any = ..., unit: str = "", **constraints):
     return Field(default, json_schema_extra={"unit": unit} if unit else None, **constraints)
 
 
+def mistake(problem: str, remedy: str, at: tuple = ()) -> PydanticCustomError:
+    """What a validator raises about a scene: said in one line, with the line of the key `at` below its model."""
+    return PydanticCustomError("mistake", "{problem}; {remedy}", {"problem": problem, "remedy": remedy, "at": at})
+
+
 def _unit_length(v: list[float]) -> list[float]:
     norm = float(np.linalg.norm(v))
     if not norm > 0:
-        raise ValueError("a direction needs a length; [0, 0, 0] points nowhere")
+        raise mistake(f"{v} points nowhere", "give a direction of some length")
     return [float(x) / norm for x in v]
 
 
@@ -55,7 +61,16 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$"
 class Model(BaseModel):
     """Any piece of a scene file: no unread keys, no silent changes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_unread_keys(cls, data: Any) -> Any:
+        for key in data if isinstance(data, dict) else ():
+            if key not in cls.model_fields:
+                known = list(cls.model_fields)
+                raise mistake("unknown key", f"use one of {', '.join(known)}" + nearest(str(key), known), at=(key,))
+        return data
 
 
 class Plugin(Model):
@@ -100,7 +115,7 @@ class World:
         except KeyError:
             raise InputError(
                 f"{asked_by} lies on '{name}', which no shape before it has",
-                remedy=f"use one of {', '.join(sorted(self.planes)) or '(none yet)'}",
+                remedy=f"use one of {', '.join(sorted(self.planes)) or '(none yet)'}" + nearest(name, list(self.planes)),
             ) from None
 
 
@@ -246,10 +261,11 @@ def registry(kind: str) -> dict[str, type[Plugin]]:
         place = f"entry point fog.{kind}:{entry.name}"
         try:
             cls = entry.load()
+            is_one = inspect.isclass(cls) and issubclass(cls, BASES[kind]) and cls.type_name() == entry.name
         except Exception as error:  # a stranger's package may fail in any way; name it
-            raise InputError(f"cannot be loaded ({error})", place=place,
+            raise InputError(f"cannot be loaded ({type(error).__name__}: {error})", place=place,
                              remedy="mend or uninstall the package that provides it") from error
-        if not (inspect.isclass(cls) and issubclass(cls, BASES[kind])) or cls.type_name() != entry.name:
+        if not is_one:
             raise InputError(f"is not a {BASES[kind].__name__} of type '{entry.name}'", place=place,
                              remedy="name the entry point after the plugin's type")
         if entry.name in found and found[entry.name] is not cls:

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Union
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from pipeline.plugins.base import registry
+from pipeline.errors import nearest
+from pipeline.plugins.base import mistake, registry
 
 
 def choice(kind: str, estimates: str | None = None) -> Any:
     """Annotated union over all plugins of `kind` (estimators: of what they estimate), for a model's field."""
-    classes = tuple(c for c in registry(kind).values() if estimates is None or c.estimates == estimates)
-    return classes[0] if len(classes) == 1 else Annotated[Union[classes], Field(discriminator="type")]
+    classes = [c for c in registry(kind).values() if estimates is None or c.estimates == estimates]
+    names = sorted(c.type_name() for c in classes)
+
+    def of_known_type(value: Any) -> Any:
+        """Asks for a `type` even where there is but one, lest a plugin installed later make the file invalid."""
+        if isinstance(value, dict):
+            allowed = f"one of {', '.join(names)}"
+            if "type" not in value:
+                raise mistake("'type' is missing", f"add 'type:' with {allowed}")
+            if value["type"] not in names:
+                stated = str(value["type"])
+                raise mistake(f"type '{stated}' is not known", f"use {allowed}" + nearest(stated, names), at=("type",))
+        return value
+
+    one_of = Annotated[Union[tuple(classes)], Field(discriminator="type")] if len(classes) > 1 else classes[0]
+    return Annotated[one_of, BeforeValidator(of_known_type)]
 
 
 PhaseFunctionChoice = choice("phase_functions")

@@ -104,10 +104,14 @@ class Templates:
             raise InputError(f"template does not parse ({error.message})", place=f"{error.filename}:{error.lineno - 1}",
                              remedy="mend this line") from None
         except jinja2.TemplateNotFound as error:
-            raise InputError(f"no template '{error.name}'", place=name,
+            raise InputError(f"no template '{error.name}'", place=_template_place(error) or name,
                              remedy="put it into templates/ or the scene's folder") from None
-        except (jinja2.UndefinedError, jinja2.exceptions.SecurityError, TypeError, ValueError) as error:
-            place = _template_place(error) or name
+        except InputError:
+            raise
+        except Exception as error:  # a template may fail in any way; a failure outside templates is ours
+            place = _template_place(error)
+            if place is None:
+                raise
             raise InputError(f"template fails ({error})", place=place, remedy="use the values that are there") from None
 
     def of_plugin(self, plugin: Plugin, context: dict[str, Any]) -> str:

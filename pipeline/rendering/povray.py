@@ -20,6 +20,13 @@ from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map
 
+#: Ways in which a scene's text opens files of its own choosing. POV-Ray 3.7 confines pictures to the paths
+#: that its settings permit, but neither includes nor what #fopen writes (measured with 3.7.0.10).
+FILE_ACCESS = re.compile(r"\b(fopen|save_file|Parse_String|include)\b")
+#: Parts of POV-Ray's library that open no files.
+LIBRARY = re.compile(r'#\s*include\s*"(colors|consts|finish|functions|glass|golds|math|metals|rand|skies|stones|textures'
+                     r'|transforms|woods)\.inc"')
+
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
 
 
@@ -53,6 +60,7 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     """
     stamp = image.with_suffix(".sha256")
     text = pov.read_bytes()
+    _refuse_file_access(text.decode(errors="replace"), pov)
     digest = hashlib.sha256(text + f"{width}x{height} {version()}".encode()).hexdigest()
     if image.exists() and stamp.exists() and stamp.read_text().split()[:1] == [digest]:
         return 0.0
@@ -84,6 +92,17 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     with replacing(stamp) as name:
         name.write_text(f"{digest} {seconds:.3f}\n")
     return seconds
+
+
+def _refuse_file_access(text: str, pov: Path) -> None:
+    """Scenes are passed on, templates and all: they may not read or overwrite files of the person who renders them."""
+    # in comments too: POV-Ray nests them, and a parser that saw them differently could be led past
+    found = FILE_ACCESS.search(LIBRARY.sub(lambda m: " " * len(m.group()), text))
+    if found:
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(f"'{found.group()}' lets the scene open files", remedy="write the contents into the template,"
+                         " or use <% include %>; of POV-Ray's library, #include \"colors.inc\" and the like are allowed",
+                         place=template_place(text.splitlines(), line) or f"{pov}:{line}")
 
 
 def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float) -> str:
@@ -155,7 +174,7 @@ def template_place(emitted: list[str], line: int) -> str | None:
 
 
 def _confined_home(folder: Path, pov: Path) -> Path:
-    """A home whose POV-Ray configuration lets a scene touch nothing but its own output."""
+    """A home whose POV-Ray configuration keeps pictures to their folder, and no settings of the person's own."""
     settings = folder / ".povray" / "3.7"
     settings.mkdir(parents=True)
     (settings / "povray.conf").write_text(

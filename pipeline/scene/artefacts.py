@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
@@ -15,6 +16,8 @@ from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Plugin, registry
 from pipeline.rendering.emit import PlacedScene
+
+REMAKE = "remove the scene's build folder and run make again"
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -36,7 +39,13 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
-                         remedy="remove the build folder of the scene and run make again") from None
+                         remedy=REMAKE) from None
+
+
+def scene_place(build: Build, *keys: str) -> str:
+    """FILE:LINE of a key of the scene file, for messages of later stages."""
+    line = read_json(build.lines).get(".".join(keys)) if build.lines.exists() else None
+    return f"{build.scene_file}:{line}" if line else f"{build.scene_file} ({'.'.join(keys)})"
 
 
 def _text(value: Any) -> str:
@@ -61,14 +70,22 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 
 def read_camera(build: Build) -> Camera:
     data = read_json(build.camera)
-    return Camera(data["width_pixel"], data["height_pixel"], data["focal_length_pixel"],
-                  np.array(data["principal_point_pixel"]), np.array(data["world_from_camera"]),
-                  np.array(data["position_m"]))
+    try:
+        return Camera(data["width_pixel"], data["height_pixel"], data["focal_length_pixel"],
+                      np.array(data["principal_point_pixel"]), np.array(data["world_from_camera"]),
+                      np.array(data["position_m"]))
+    except (KeyError, TypeError) as error:
+        raise InputError(f"holds no camera ({error})", place=str(build.camera), remedy=REMAKE) from None
 
 
 def plugin_from_json(kind: str, data: dict[str, Any]) -> Plugin:
-    """The plugin that was written by `model_dump`."""
-    return registry(kind)[data["type"]].model_validate(data)
+    """The plugin that was written by `model_dump`; InputError where another version wrote it."""
+    try:
+        return registry(kind)[data["type"]].model_validate(data)
+    except (KeyError, TypeError, ValidationError):
+        stated = data.get("type") if isinstance(data, dict) else data
+        raise InputError(f"{kind} of type '{stated}' are not as this version of the pipeline writes them",
+                         place="build folder", remedy=REMAKE) from None
 
 
 def read_placed(build: Build) -> PlacedScene:

@@ -2,22 +2,74 @@
 
 from __future__ import annotations
 
-import difflib
+import typing
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq, TaggedScalar
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
-from pipeline.errors import InputError
-from pipeline.plugins.base import KINDS, Model, registry
+from pipeline.errors import InputError, nearest
+from pipeline.plugins.base import Model
 from pipeline.scene.model import scene_model
 
 MAX_BYTES = 2_000_000
 MAX_NODES = 200_000
 COMMAND_LINE = "command line"
+#: What plain values are; any other tag would ask the reader to build an object.
+PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "timestamp", "seq", "map")}
+
+#: What a scene file should hold instead, by pydantic's name of the mistake; {unit} like " [m]", or empty.
+WANTED = {
+    **dict.fromkeys(("float_type", "float_parsing", "finite_number"), "a number{unit}"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number{unit}"),
+    **dict.fromkeys(("dict_type", "model_type", "mapping_type"), "a group of 'name: value' lines"),
+    "bool_type": "true or false",
+    "string_type": "text",
+    "list_type": "a list such as [1, 2, 3]",
+    "greater_than": "a number above {gt}{unit}",
+    "greater_than_equal": "a number of {ge} or more{unit}",
+    "less_than": "a number below {lt}{unit}",
+    "less_than_equal": "a number of {le} or less{unit}",
+    "too_short": "at least {min_length} entries, not {actual_length}",
+    "too_long": "at most {max_length} entries, not {actual_length}",
+    "literal_error": "{expected}",
+    "string_too_short": "at least {min_length} characters",
+    "string_too_long": "at most {max_length} characters",
+    "string_pattern_mismatch": "a name of letters, digits, '_' and '-', beginning with a letter, 40 characters at most",
+}
+
+Keys = tuple  # names and list indices from the top of the scene file, such as ("lights", "lamp", "gain")
+
+
+@dataclass
+class SceneText:
+    """What stands in a scene file: plain values, the line of each key, and which were overridden."""
+
+    path: Path
+    values: dict[str, Any]
+    lines: dict[Keys, int]
+    overridden: list[Keys] = field(default_factory=list)
+
+    def line(self, where: Keys) -> int:
+        """Line of the key at `where`, or of the nearest group round it that is in the file."""
+        while where not in self.lines:
+            where = where[:-1]
+        return self.lines[where]
+
+    def is_overridden(self, where: Keys) -> bool:
+        return any(where[: len(o)] == o for o in self.overridden)
+
+    def place(self, where: Keys) -> str:
+        line = f"{self.path}:{self.line(where)}"
+        if self.is_overridden(where):
+            return COMMAND_LINE
+        within = where and any(o[: len(where)] == where for o in self.overridden)
+        return f"{COMMAND_LINE}, {line}" if within else line
 
 
 def load_scene(path: Path, overrides: dict[str, str] | None = None, fog: str | None = None) -> Model:
@@ -26,253 +78,223 @@ def load_scene(path: Path, overrides: dict[str, str] | None = None, fog: str | N
     An override beginning with `fog.` means the picked fog. Raises InputError naming file, line, value
     and what is allowed.
     """
-    data = read_yaml(path)
-    overridden = [_override(data, key, value, fog) for key, value in (overrides or {}).items()]
-    try:
-        scene = scene_model().model_validate(_plain(data))
-    except ValidationError as error:
-        raise _complaint(error, path, data, overridden) from None
+    return checked(read_scene(path), overrides or {}, fog)
+
+
+def checked(text: SceneText, overrides: dict[str, str], fog: str | None) -> Model:
+    """The scene of a file that was read, as `load_scene`."""
+    model = scene_model()
     if fog is not None:
-        if fog not in scene.fogs:
-            known = ", ".join(scene.fogs) or "(none; the scene has only its default fog)"
-            raise InputError(f"no fog is called '{fog}'", place=str(path),
-                             remedy=f"use one of {known}" + _nearest(fog, list(scene.fogs)))
-        scene = scene.model_copy(update={"fog": scene.fogs[fog]})
-    return scene
+        fogs = text.values.get("fogs")
+        known = list(fogs) if isinstance(fogs, dict) else []
+        if fog not in known:
+            raise InputError(f"no fog is called '{fog}'", place=text.place(("fogs",)), remedy="use one of "
+                             + ", ".join(known) + nearest(fog, known) if known else "add it below 'fogs:'")
+    for key, value in overrides.items():
+        _override(text, model, key, value, fog)
+    try:
+        scene = model.model_validate(text.values)
+    except ValidationError as error:
+        raise _complaint(error, text, model) from None
+    return scene if fog is None else scene.model_copy(update={"fog": scene.fogs[fog]})
 
 
-def read_yaml(path: Path) -> CommentedMap:
-    """The file's mapping with line numbers; tags, aliases and oversized files are refused."""
+def read_scene(path: Path) -> SceneText:
+    """The file's values and lines; tags, aliases, repeated keys and oversized files are refused."""
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(f"scene file of {size} bytes", place=str(path),
                              remedy=f"keep it below {MAX_BYTES} bytes; pictures belong into files of their own")
-        text = path.read_text(encoding="utf-8")
+        content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError("no such scene file", place=str(path), remedy=_other_scenes(path)) from None
+        raise InputError("no such scene file", place=str(path), remedy=scenes_beside(path.parent)) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", place=str(path),
-                         remedy="give a readable UTF-8 text file") from None
+        raise InputError(f"cannot be read ({error})", place=str(path), remedy="give a readable UTF-8 text file") from None
+    yaml = YAML(typ="safe", pure=True)
     try:
-        data = YAML(typ="rt", pure=True).load(text)
+        root = yaml.compose(content)
+        if root is None:
+            raise InputError("the scene file is empty", place=f"{path}:1",
+                             remedy="state at least photograph, camera, shapes, lights and fog")
+        if not isinstance(root, MappingNode):
+            raise InputError("the scene file is not a group of 'name: value' lines", place=f"{path}:1",
+                             remedy="start its lines with photograph:, camera:, shapes:, lights:, fog:")
+        lines: dict[Keys, int] = {(): 1}
+        return SceneText(path, _values(root, (), path, lines, set(), yaml.constructor), lines)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = f"{path}:{mark.line + 1}" if mark else str(path)
-        raise InputError(f"not valid YAML ({error.problem or error.context})", place=place,
-                         remedy="mend the syntax on or just before this line") from None
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"not valid YAML ({error})", place=str(path), remedy="mend the syntax") from None
-    if not isinstance(data, CommentedMap):
-        raise InputError("the scene file is not a mapping of names to values", place=f"{path}:1",
-                         remedy="start with 'photograph:', 'camera:', 'shapes:', 'lights:', 'fog:'")
-    _check_tree(data, path)
-    return data
+        tab = "\\t" in (error.problem or "")
+        raise InputError(f"not valid YAML ({error.problem or error.context})", place=f"{path}:{mark.line + 1}",
+                         remedy="indent with spaces instead of tabs" if tab else "mend this line or the one before") from None
+    except (YAMLError, ValueError) as error:
+        raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", place=str(path),
+                         remedy="save it as plain text without control characters") from None
+    except RecursionError:
+        raise InputError("values are nested too deeply", place=str(path), remedy="write them less deeply") from None
 
 
-def _check_tree(data: Any, path: Path) -> None:
-    seen: set[int] = set()
-    stack = [(data, 1)]
-    count = 0
-    while stack:
-        node, line = stack.pop()
-        count += 1
-        if count > MAX_NODES:
-            raise InputError(f"more than {MAX_NODES} values", place=str(path), remedy="split the scene")
-        if isinstance(node, TaggedScalar) or (
-                getattr(node, "tag", None) is not None and getattr(node.tag, "value", None)
-                and not str(node.tag.value).startswith("tag:yaml.org,2002:")):
-            raise InputError(f"YAML tag {getattr(node.tag, 'value', node.tag)}", place=f"{path}:{line}",
-                             remedy="remove it; scene files hold plain values only")
-        if isinstance(node, (CommentedMap, CommentedSeq)):
-            if id(node) in seen:
-                raise InputError("YAML alias", place=f"{path}:{line}", remedy="write the values out")
-            seen.add(id(node))
-            for key in node if isinstance(node, CommentedMap) else range(len(node)):
-                stack.append((node[key], _own_line(node, key) or line))
+def scenes_beside(folder: Path) -> str:
+    """What to do about a scene that is not there: the scenes that are, and the one most alike."""
+    names = sorted(p.parent.name for p in folder.parent.glob("*/scene.yaml"))
+    if not names:
+        return f"write {folder / 'scene.yaml'}"
+    return f"use one of {', '.join(names)}" + nearest(folder.name, names)
 
 
-def _own_line(node: CommentedMap | CommentedSeq, key: Any) -> int | None:
-    try:
-        position = node.lc.key(key) if isinstance(node, CommentedMap) else node.lc.item(key)
-        return position[0] + 1
-    except (KeyError, TypeError, AttributeError, IndexError):
-        return None
+def _values(node: Node, where: Keys, path: Path, lines: dict[Keys, int], seen: set[int], constructor) -> Any:
+    """A YAML node as dict, list, number, text, True, False or None; notes the lines of what is in it."""
+    here = f"{path}:{node.start_mark.line + 1}"
+    if id(node) in seen:
+        raise InputError("YAML alias", place=f"{path}:{lines[where]}", remedy="write the values out")
+    seen.add(id(node))
+    if len(seen) > MAX_NODES:
+        raise InputError(f"more than {MAX_NODES} values", place=here, remedy="split the scene")
+    if node.tag not in PLAIN_TAGS:
+        raise InputError(f"YAML tag {node.tag.replace('tag:yaml.org,2002:', '!!')}", place=here,
+                         remedy="remove it; scene files hold plain values only")
+    if isinstance(node, ScalarNode):
+        value = constructor.construct_object(node)
+        return value if value is None or isinstance(value, (bool, int, float, str)) else node.value
+    if not isinstance(node, MappingNode):
+        result: list[Any] = []
+        for index, item in enumerate(node.value):
+            lines[(*where, index)] = item.start_mark.line + 1
+            result.append(_values(item, (*where, index), path, lines, seen, constructor))
+        return result
+    group: dict[str, Any] = {}
+    for key, item in node.value:
+        line = key.start_mark.line + 1
+        if not isinstance(key, ScalarNode) or key.tag not in PLAIN_TAGS:
+            raise InputError("a name is not plain text", place=f"{path}:{line}", remedy="name values by words")
+        if key.value in group:
+            raise InputError(f"'{key.value}' is stated twice, first in line {lines[(*where, key.value)]}",
+                             place=f"{path}:{line}", remedy="keep one of the two")
+        lines[(*where, key.value)] = line
+        group[key.value] = _values(item, (*where, key.value), path, lines, seen, constructor)
+    return group
 
 
-def _plain(node: Any) -> Any:
-    if isinstance(node, dict):
-        return {str(k) if not isinstance(k, str) else k: _plain(v) for k, v in node.items()}
-    if isinstance(node, list):
-        return [_plain(v) for v in node]
-    if isinstance(node, bool) or node is None:
-        return node
-    for plain in (int, float, str):
-        if isinstance(node, plain):
-            return plain(node)
-    return str(node)  # dates and other YAML scalars
-
-
-def _override(data: CommentedMap, key: str, text: str, fog: str | None) -> tuple:
-    """Sets one value by its dotted path; returns the path as a tuple."""
+def _override(text: SceneText, model: type[Model], key: str, value: str, fog: str | None) -> None:
+    """Sets one value of the scene by its dotted path; a group that is not in the file starts from its default."""
     parts = key.split(".")
     if parts[0] == "fog" and fog is not None:
         parts = ["fogs", fog, *parts[1:]]
     try:
-        value = YAML(typ="safe", pure=True).load(text)
-    except YAMLError:
-        raise InputError(f"{key}={text} is not a value", place=COMMAND_LINE,
+        new = YAML(typ="safe", pure=True).load(value)
+    except (YAMLError, ValueError):
+        raise InputError(f"{key}={value} is not a value", place=COMMAND_LINE,
                          remedy="give a number, a word, or a list such as [1,2,3]") from None
-    node: Any = data
+    node, where = text.values, ()
     for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
-        where = ".".join(parts[:depth]) or "the scene"
+        group = ".".join(map(str, where)) or "the scene"
         if isinstance(node, list):
-            if not part.isdigit() or int(part) >= len(node):
-                raise InputError(f"'{key}': {where} has {len(node)} entries, not '{part}'", place=COMMAND_LINE,
-                                 remedy=f"use a number from 0 to {len(node) - 1}")
+            if not part.isdecimal() or int(part) >= len(node):
+                raise InputError(f"{key}: {group} has {len(node)} entries, none numbered '{part}'", place=COMMAND_LINE,
+                                 remedy=f"count from 0 to {len(node) - 1}")
             part = int(part)
         elif not isinstance(node, dict):
-            raise InputError(f"'{key}': {where} is a value, not a group", place=COMMAND_LINE,
-                             remedy=f"override {where} itself")
-        if last:
-            node[part] = value
+            raise InputError(f"{key}: {group} is a value, not a group", place=COMMAND_LINE,
+                             remedy=f"override {group} itself")
+        where = (*where, part)
+        if depth == len(parts) - 1:
+            node[part] = new
         else:
-            if isinstance(node, dict) and part not in node:
-                if depth == 0 and part not in scene_model().model_fields or part == "fogs":
-                    raise InputError(f"'{key}': {where} has no '{part}'", place=COMMAND_LINE,
-                                     remedy="use one of " + ", ".join(map(str, node))
-                                            + _nearest(str(part), list(map(str, node))))
-                node[part] = CommentedMap()
+            if isinstance(node, dict) and node.get(part) is None:
+                known = _field(model, text.values, where)
+                if known is None:
+                    names = sorted({*map(str, node), *(model.model_fields if depth == 0 else ())})
+                    raise InputError(f"{key}: {group} has no '{part}'", place=COMMAND_LINE,
+                                     remedy=f"use one of {', '.join(names)}" + nearest(part, names))
+                if not (_models(known.annotation) or _is_dict(known.annotation)):
+                    inner = ".".join(map(str, where))
+                    raise InputError(f"{key}: {inner} is a value, not a group", place=COMMAND_LINE,
+                                     remedy=f"override {inner} itself")
+                default = known.get_default(call_default_factory=True)
+                if isinstance(default, BaseModel):
+                    default = default.model_dump(mode="json")
+                node[part] = dict(default) if isinstance(default, dict) else {}
             node = node[part]
-    return tuple(p if not p.isdigit() else int(p) for p in parts)
+    text.overridden.append(where)
 
 
-def _complaint(error: ValidationError, path: Path, data: CommentedMap, overridden: list[tuple]) -> InputError:
+def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> InputError:
     """The first mistake in one line, with how many more there are."""
-    problems = error.errors(include_url=False)
-    # in a union every branch complains; the deepest complaint is about what the person meant
-    first = max(problems, key=lambda p: (p["type"] != "missing", len(p["loc"]))) if len(problems) > 1 else problems[0]
-    location = [part for part in first["loc"] if not _is_tag(part, first["loc"], data)]
-    line, found, known = _locate(data, location)
-    dotted = ".".join(str(part) for part in found) or "scene"
-    place = f"{path}:{line}"
-    if any(tuple(found[: len(o)]) == o or o[: len(found)] == tuple(found) for o in overridden):
-        place = COMMAND_LINE
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    kind, context = first["type"], first.get("ctx", {})
-    value = _short(first.get("input"))
-    name = location[-1] if location else "scene"
-    if kind == "extra_forbidden":
-        allowed = _allowed_keys(first["loc"], data)
-        return InputError(f"{dotted}: unknown key '{name}'{more}", place=place,
-                          remedy=f"use one of {', '.join(allowed)}" + _nearest(str(name), allowed))
-    if kind == "missing":
-        return InputError(f"{dotted}: '{name}' is missing{more}", place=place, remedy=f"add '{name}:'")
-    if kind in ("union_tag_invalid", "union_tag_not_found"):
-        asked = context.get("tag", "(none)")
-        allowed = sorted(t.strip().strip("'") for t in str(context.get("expected_tags", "")).split(",") if t.strip())
-        if not allowed:
-            allowed = sorted({n for k in KINDS for n in registry(k)})
-        return InputError(f"{dotted}: type '{asked}' is not known{more}", place=place,
-                          remedy=f"use one of {', '.join(allowed)}" + _nearest(str(asked), allowed))
-    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    if kind == "value_error":
-        problem, _, remedy = message.partition("; ")
-        return InputError(f"{dotted}: {problem}{more}", place=place, remedy=remedy or "mend this entry")
-    if kind == "string_pattern_mismatch":
-        message = "a name of letters, digits, '_' and '-', beginning with a letter, 40 at most"
-    return InputError(f"{dotted} = {value}{more}", place=place, remedy=f"give {message}")
+    found: dict[Keys, list[dict]] = {}
+    for problem in error.errors(include_url=False):
+        found.setdefault(_where(problem, text.values), []).append(problem)
+    # values of the command line first, then in the file's order, a value before the group round it
+    where = min(found, key=lambda w: (not text.is_overridden(w), text.line(w), -len(w)))
+    problems = found[where]
+    kind, context = problems[0]["type"], problems[0].get("ctx", {})
+    dotted = ".".join(map(str, where)) or "scene"
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    if kind == "mistake":
+        said, remedy = f"{dotted}: {context['problem']}", context["remedy"]
+    elif kind == "missing":
+        key = problems[0]["loc"][-1]
+        said, remedy = f"{dotted}: '{key}' is missing", f"add '{key}:'{_unit(model, text.values, (*where, key))}"
+    elif kind == "value_error":
+        problem, _, remedy = problems[0]["msg"].removeprefix("Value error, ").partition("; ")
+        said, remedy = f"{dotted}: {problem}", remedy or "mend this entry"
+    else:
+        unit = _unit(model, text.values, where)
+        wanted = [WANTED.get(p["type"], "").format(**p.get("ctx", {}), unit=unit) or p["msg"] for p in problems]
+        value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
+        said, remedy = f"{dotted} = {_short(value)}", f"give {' or '.join(dict.fromkeys(wanted))}"
+    return InputError(said + more, place=text.place(where), remedy=remedy)
 
 
-def _is_tag(part: Any, loc: tuple, data: Any) -> bool:
-    """Whether a part of pydantic's location names a union's branch rather than a key of the file."""
-    if not isinstance(part, str):
-        return False
-    node: Any = data
-    for other in loc:
-        if other is part:
-            break
-        try:
-            node = node[other]
-        except (KeyError, IndexError, TypeError):
-            pass
-    if part == "[key]":
-        return True
-    present = isinstance(node, dict) and part in node
-    if present:
-        return False
-    is_plugin = any(part in registry(kind) for kind in KINDS)
-    return is_plugin or "[" in part or part in ("float", "int", "str", "constrained-str")
+def _where(problem: dict, values: Any) -> Keys:
+    """Path in the file of what pydantic complains about: its location without the names of union branches."""
+    node, where, entered = values, (), True
+    for part in problem["loc"]:
+        if entered and isinstance(node, dict) and node.get("type") == part:
+            entered = False  # the branch of a plugin, which pydantic names after entering its group
+        elif isinstance(node, dict) and part in node or isinstance(node, list) and part in range(len(node)):
+            node, where, entered = node[part], (*where, part), True
+    return (*where, *problem.get("ctx", {}).get("at", ()))
 
 
-def _locate(data: Any, location: list) -> tuple[int, list, bool]:
-    """Line of the deepest existing part of a location, and that part."""
-    node, line, found = data, 1, []
-    for part in location:
-        try:
-            child = node[part]
-        except (KeyError, IndexError, TypeError):
-            break
-        line = _own_line(node, part) or line
-        node = child
-        found.append(part)
-    return line, found, len(found) == len(location)
+def _field(model: type[BaseModel], values: Any, where: Keys) -> FieldInfo | None:
+    """The field that a path of the file means, or None for a name that the person chose or nobody knows."""
+    models, found, node, named = [model], None, values, False
+    for part in where:
+        if named or isinstance(part, int):
+            found, named = None, False
+        else:
+            stated = node.get("type") if isinstance(node, dict) else None
+            options = [m for m in models if getattr(m, "type_name", lambda: stated)() == stated] or models
+            found = next((m.model_fields[part] for m in options if part in m.model_fields), None)
+            if found is None:
+                return None
+            models, named = _models(found.annotation), _is_dict(found.annotation)
+        inside = isinstance(node, dict) and part in node or isinstance(node, list) and part in range(len(node))
+        node = node[part] if inside else None
+    return found
 
 
-def _allowed_keys(loc: tuple, data: Any) -> list[str]:
-    """Keys that the model at the parent of `loc` takes."""
-    model: Any = scene_model()
-    node: Any = data
-    for part in loc[:-1]:
-        model = _descend(model, part)
-        if model is None:
-            return []
-    return sorted(model.model_fields) if hasattr(model, "model_fields") else []
+def _unit(model: type[BaseModel], values: Any, where: Keys) -> str:
+    """Unit of the value at `where`, like " [m]", or of the list that holds it."""
+    while where and not isinstance(where[-1], str):
+        where = where[:-1]
+    known = _field(model, values, where)
+    unit = (known.json_schema_extra or {}).get("unit") if known else None
+    return f" [{unit}]" if unit and unit != "1" else ""
 
 
-def _descend(model: Any, part: Any) -> Any:
-    import typing
-
-    if hasattr(model, "model_fields"):
-        field = model.model_fields.get(part)
-        return _unwrap(field.annotation) if field else None
-    candidates = model if isinstance(model, list) else [model]
-    for candidate in candidates:
-        if hasattr(candidate, "type_name") and candidate.type_name() == part:
-            return candidate
-    for candidate in candidates:
-        origin = typing.get_origin(candidate)
-        if origin is dict:
-            return _unwrap(typing.get_args(candidate)[1])
-        if origin is list:
-            return _unwrap(typing.get_args(candidate)[0])
-    return None
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """The models that an annotation mentions, in any depth of unions, lists and dicts."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in typing.get_args(annotation) for model in _models(part)]
 
 
-def _unwrap(annotation: Any) -> Any:
-    import types
-    import typing
-
-    origin = typing.get_origin(annotation)
-    if origin is typing.Annotated:
-        return _unwrap(typing.get_args(annotation)[0])
-    if origin in (typing.Union, types.UnionType):
-        options = [_unwrap(a) for a in typing.get_args(annotation) if a is not type(None)]
-        return options[0] if len(options) == 1 else options
-    return annotation
-
-
-def _nearest(word: str, among: list[str]) -> str:
-    near = difflib.get_close_matches(word, among, n=1, cutoff=0.6)
-    return f" (did you mean '{near[0]}'?)" if near else ""
+def _is_dict(annotation: Any) -> bool:
+    return typing.get_origin(annotation) is dict or any(
+        _is_dict(part) for part in typing.get_args(annotation) if typing.get_origin(annotation) is not list)
 
 
 def _short(value: Any) -> str:
-    text = repr(value) if not isinstance(value, str) else f"'{value}'"
+    text = f"'{value}'" if isinstance(value, str) else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _other_scenes(path: Path) -> str:
-    scenes = sorted(p.parent.name for p in path.parent.parent.glob("*/scene.yaml"))
-    return f"use one of {', '.join(scenes)}" + _nearest(path.parent.name, scenes) if scenes else "write one"

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, parameter
+from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, mistake, parameter
 from pipeline.plugins.choices import choice
 
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -48,13 +48,18 @@ class CameraDescription(Model):
     @model_validator(mode="after")
     def _ways(self):
         if (self.position is None) != (self.look_at is None):
-            raise ValueError("'position' and 'look_at' go together")
+            raise mistake("only one of 'position' and 'look_at' is there", "give both")
         if self.position is None and (self.height is None) == (self.known_length is None):
-            raise ValueError("give the scale: one of 'height' and 'known_length'")
+            raise mistake("no scale" if self.height is None else "both 'height' and 'known_length' set the scale",
+                          "give one of 'height' [m] and 'known_length'")
+        if self.position is not None and (self.height, self.known_length, self.yaw, self.pitch) != (None,) * 4:
+            raise mistake("'position' and 'look_at' already say what 'height', 'known_length', 'yaw' or 'pitch' do",
+                          "leave those out, or 'position' and 'look_at'")
         if self.fspy and self.lines:
-            raise ValueError("give either 'fspy' or 'lines'")
+            raise mistake("both 'fspy' and 'lines' tell the camera", "keep one of them")
         if self.position is not None and (self.lines or self.fspy):
-            raise ValueError("with 'position' and 'look_at', leave out 'lines' and 'fspy'")
+            raise mistake("'position' and 'look_at' contradict 'lines' or 'fspy'",
+                          "leave out 'lines' and 'fspy', or give 'height' instead of 'position' and 'look_at'")
         return self
 
 
@@ -64,6 +69,8 @@ class RenderSettings(Model):
     samples: int = parameter(24, "1", ge=1, le=10000, description="points along each ray where fog is lit; more for dense fog")
     in_scattering_size: int | None = parameter(
         256, "pixel", ge=16, le=20000, description="longer side at which the glow of lamps is rendered; null for the photograph's")
+    restore_clipped_lamps: bool = parameter(
+        True, description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn them grey")
     threads: int | None = parameter(None, "1", ge=1, le=512, description="POV-Ray's work threads; all cores when left out")
     timeout: float = parameter(1800.0, "s", gt=0, le=86400, description="a single POV-Ray run that takes longer is stopped")
 
@@ -93,9 +100,10 @@ def scene_model() -> type[Model]:
             if self.illumination.type == "manual":
                 for name, l in self.lights.items():
                     if l.given_strength() is None:
-                        raise ValueError(f"light '{name}' states no {l.strength_name}, and illumination is manual")
+                        raise mistake(f"no {l.strength_name}, and illumination is manual",
+                                      f"add '{l.strength_name}:', or choose illumination type karsch", ("lights", name))
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
-                raise ValueError("there is more than one light of type sun; put all windows into one")
+                raise mistake("more than one light of type sun", "put the openings of all windows into one", ("lights",))
             return self
 
     return Scene

@@ -10,7 +10,7 @@ from pipeline.geometry.camera import Camera, from_exif_35mm, from_field_of_view,
 from pipeline.geometry.fspy import read_fspy
 from pipeline.geometry.planes import Plane
 from pipeline.paths import Build, inside
-from pipeline.scene.artefacts import camera_to_json, read_json, write_json
+from pipeline.scene.artefacts import camera_to_json, read_json, scene_place, write_json
 from pipeline.scene.model import CameraDescription
 
 
@@ -22,7 +22,7 @@ def run(build: Build) -> None:
         camera, report = describe(CameraDescription.model_validate(data), facts["width_pixel"], facts["height_pixel"],
                                   facts["focal_length_35mm_mm"], build)
     except InputError as error:
-        raise error.at(f"{build.scene_file} (camera)") from None
+        raise error.at(scene_place(build, "camera")) from None
     write_json(build.camera, {**camera_to_json(camera), **report})
 
 

@@ -10,7 +10,7 @@ from pipeline.imaging import photograph as photographs
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
-from pipeline.physics.composition import composite
+from pipeline.physics.composition import composite, with_restored_lamps
 from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_photograph
 
 
@@ -24,7 +24,13 @@ def run(build: Build) -> None:
         if photograph.suffix not in (".png", ".exr"):
             photographs.write_unchanged(build.foggy(photograph.suffix), photograph)
         return
-    foggy = composite(photograph.radiance, read_map(build.transmittance), read_map(build.in_scattering()))
+    radiance = photograph.radiance
+    if read_json(build.input("render"))["restore_clipped_lamps"]:
+        lights = read_json(build.illumination)["lights"].values()
+        shown = {index: np.multiply(light["strength"], light["gain"]) for index, light in enumerate(lights)
+                 if light["quantity"] == "radiance"}
+        radiance = with_restored_lamps(radiance, photograph.clipped, read_map(build.surfaces)[..., 1], shown)
+    foggy = composite(radiance, read_map(build.transmittance), read_map(build.in_scattering()))
     foggy = foggy.astype(np.float32)
     write_map(build.foggy(".exr"), foggy, metadata)
     photographs.write_png(build.foggy(".png"), foggy, photograph)

@@ -12,19 +12,14 @@ from pipeline.geometry.visibility import visible
 from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import World
-from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, write_json
+from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, scene_place, write_json
 
 
 def run(build: Build) -> None:
     camera = read_camera(build)
     world = World(camera)
-    try:
-        shapes = {name: plugin_from_json("shapes", data).placed(name, world)
-                  for name, data in read_json(build.input("shapes")).items()}
-        lights = {name: plugin_from_json("lights", data).placed(name, world)
-                  for name, data in read_json(build.input("lights")).items()}
-    except InputError as error:
-        raise error.at(str(build.scene_file)) from None
+    shapes = _placed(build, "shapes", world)
+    lights = _placed(build, "lights", world)
     depth, face, emitter = visible(camera, shapes, lights)
     missed = ~np.isfinite(depth)
     if missed.all():
@@ -39,3 +34,14 @@ def run(build: Build) -> None:
     write_json(build.geometry, {
         "shapes": shapes, "lights": lights, "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],
         "residuals_pixel": world.residuals, "messages": world.messages})
+
+
+def _placed(build: Build, part: str, world: World) -> dict:
+    """The shapes or lights of the scene in world metres, in the file's order."""
+    placed = {}
+    for name, data in read_json(build.input(part)).items():
+        try:
+            placed[name] = plugin_from_json(part, data).placed(name, world)
+        except InputError as error:
+            raise error.at(scene_place(build, part, name)) from None
+    return placed

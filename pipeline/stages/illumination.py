@@ -19,7 +19,7 @@ from pipeline.paths import Build
 from pipeline.rendering import povray
 from pipeline.rendering.emit import PlacedScene, Run, Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
-from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, write_json
+from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, scene_place, write_json
 
 #: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
 ALBEDO_RANGE = (0.05, 0.95)
@@ -46,7 +46,7 @@ def run(build: Build) -> None:
         try:
             fit, faces = _estimate(build, scene, settings, given, templates)
         except InputError as error:
-            raise error.at(f"{build.scene_file} (illumination)") from None
+            raise error.at(scene_place(build, "illumination")) from None
         lights = {name: {"strength": fit.intensity[i].tolist(), "standard_error": fit.standard_error[i],
                          "source": "given" if name in given else settings.type}
                   for i, name in enumerate(scene.lights)}
@@ -120,7 +120,8 @@ def _observations(build: Build, scene: PlacedScene, settings):
             continue
         core = cv2.erode(shown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         core = core if core.any() else shown
-        radiance = np.median(photograph[core], axis=0).astype(float)
+        # the mean, not the median: a window shows bright sky and dark trees, and all of it gives light
+        radiance = photograph[core].mean(0).astype(float)
         # a lamp that is burnt out shows only that it is brighter than white
         (at_least if clipped[core].mean() > 0.5 else measured)[index] = radiance
     annotated = []

@@ -7,21 +7,21 @@ redoes no geometry, and a change of a light's strength renders nothing.
 from __future__ import annotations
 
 import hashlib
+from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Model
 from pipeline.scene.artefacts import write_json_if_changed
-from pipeline.scene.load import load_scene
+from pipeline.scene.load import checked, read_scene, scenes_beside
 
 
 def run(build: Build, overrides: dict[str, str]) -> Model:
-    if build.scenes.is_dir() and not build.source.is_dir():
-        from pipeline.scene.load import _nearest, _other_scenes
-
+    if not build.source.is_dir():
         raise InputError(f"no scene is called '{build.scene}'", place=str(build.source),
-                         remedy=_other_scenes(build.scene_file))
-    scene = load_scene(build.scene_file, overrides, build.fog)
+                         remedy=scenes_beside(build.source))
+    text = read_scene(build.scene_file)
+    scene = checked(text, overrides, build.fog)
     photograph = inside(build, scene.photograph.file)
     lights = {name: light.model_dump(mode="json") for name, light in scene.lights.items()}
     strengths = {}
@@ -29,7 +29,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         # what relights is no business of the geometry
         strengths[name] = {"gain": lights[name].pop("gain"), "given": lights[name].pop(light.strength_name)}
     parts = {
-        "photograph": {**scene.photograph.model_dump(mode="json"), "sha256": _sha256(photograph)},
+        "photograph": {**scene.photograph.model_dump(mode="json"), "sha256": _sha256(photograph, text.place(("photograph", "file")))},
         "camera": scene.camera.model_dump(mode="json"),
         "shapes": {name: shape.model_dump(mode="json") for name, shape in scene.shapes.items()},
         "lights": lights,
@@ -40,19 +40,23 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         "render": scene.render.model_dump(mode="json"),
     }
     if scene.camera.fspy:
-        parts["camera"]["fspy_sha256"] = _sha256(inside(build, scene.camera.fspy))
+        parts["camera"]["fspy_sha256"] = _sha256(inside(build, scene.camera.fspy), text.place(("camera", "fspy")))
     for part, value in parts.items():
         write_json_if_changed(build.input(part), value)
+    # later stages say in which line of the scene file stands what they cannot use; nothing is made from this
+    write_json_if_changed(build.lines, {".".join(keys): line for keys, line in text.lines.items()
+                                        if all(isinstance(key, str) for key in keys)})
     return scene
 
 
-def _sha256(path) -> str:
+def _sha256(path: Path, stated_at: str) -> str:
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
-        hint = "; `make photos` fetches it" if (path.parent.parent / "photograph.yaml").exists() or (
-            path.parent / "photograph.yaml").exists() else ""
-        raise InputError("no such file", place=str(path), remedy="put it there or correct its name" + hint) from None
+        fetched = any((folder / "photograph.yaml").exists() for folder in path.parents[:2])
+        hint = "run `make photos`, which fetches it" if fetched else "put the file there"
+        raise InputError("no such file", place=str(path), remedy=f"{hint}, or correct its name at {stated_at}") from None
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", place=str(path), remedy="check the file") from None
+        raise InputError(f"cannot be read ({error.strerror})", place=str(path),
+                         remedy=f"give a readable file at {stated_at}") from None

@@ -8,7 +8,7 @@ from pipeline.errors import InputError
 from pipeline.estimation.sun_direction import Opening, estimate_sun_direction
 from pipeline.paths import Build
 from pipeline.plugins.lights.sun import Sun, shafts
-from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, write_json
+from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, scene_place, write_json
 
 
 def run(build: Build) -> None:
@@ -23,7 +23,7 @@ def run(build: Build) -> None:
             suns[name] = _direction(name, light, camera, settings)
             shafts(light.model_copy(update={"direction": suns[name]["sun_direction"]}))
         except InputError as error:
-            raise error.at(f"{build.scene_file} (light {name})") from None
+            raise error.at(scene_place(build, "lights", name)) from None
     write_json(build.sun_direction, {"suns": suns})
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from pipeline.plugins.annotations import Position
-from pipeline.plugins.base import Colour, Light, parameter
+from pipeline.plugins.base import Colour, Light, mistake, parameter
 
 
 class Spot(Light):
@@ -30,7 +30,8 @@ class Spot(Light):
     @model_validator(mode="after")
     def _cone(self):
         if not self.inner_angle < self.outer_angle:
-            raise ValueError(f"inner_angle {self.inner_angle} must be smaller than outer_angle {self.outer_angle}")
+            raise mistake(f"inner_angle {self.inner_angle} is not below outer_angle {self.outer_angle}",
+                          "give an inner_angle below the outer_angle [degree]")
         return self
 
     def placed(self, name, world):

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from typing_extensions import Annotated
 
-from pipeline.plugins.base import Colour, Medium, parameter
+from pipeline.plugins.base import Colour, Medium, mistake, parameter
 from pipeline.plugins.choices import PhaseFunctionChoice
 
 CONTRAST_OF = {"meteorological_optical_range": 0.05, "koschmieder": 0.02}
@@ -36,9 +36,14 @@ class Homogeneous(Medium):
     def _one_way(self):
         by_coefficients = (self.absorption_coefficient, self.scattering_coefficient)
         if self.visibility is not None and by_coefficients != (None, None):
-            raise ValueError("give either 'visibility' or the two coefficients, not both")
+            raise mistake("both 'visibility' and a coefficient are there", "keep either 'visibility' or the two coefficients")
         if self.visibility is None and None in by_coefficients:
-            raise ValueError("give 'visibility', or both 'absorption_coefficient' and 'scattering_coefficient'")
+            raise mistake("nothing says how dense it is",
+                          "give 'visibility' [m], or both 'absorption_coefficient' and 'scattering_coefficient' [1/m]")
+        told = {"contrast": self.contrast, "single_scattering_albedo": self.single_scattering_albedo}
+        for name, value in told.items() if self.visibility is None else ():
+            if value != type(self).model_fields[name].default:
+                raise mistake(f"{name} has no meaning beside coefficients", "leave it out", at=(name,))
         return self
 
     def coefficients(self):

@@ -10,7 +10,7 @@ from pydantic.types import PositiveFloat
 
 from pipeline.errors import InputError
 from pipeline.geometry.boxes import AxisBox, fit_cuboid
-from pipeline.plugins.base import Finite, Pixel, Shape, Vector, parameter
+from pipeline.plugins.base import Finite, Pixel, Shape, Vector, mistake, parameter
 
 AXIS_NAMES = "xyz"
 
@@ -33,10 +33,13 @@ class Cuboid(Shape):
     @model_validator(mode="after")
     def _one_way(self):
         known = self.centre is not None and self.size is not None
-        if known == (self.stands_on is not None and bool(self.corners)):
-            raise ValueError("give either 'stands_on' and 'corners', or 'centre' and 'size' in metres")
+        measured = self.centre is not None or self.size is not None
+        annotated = self.stands_on is not None and bool(self.corners)
+        if known == annotated or measured != known or known and (self.stands_on or self.corners or self.known):
+            raise mistake("neither annotated nor measured, or both",
+                          "give either 'stands_on' and 'corners', or 'centre' and 'size' in metres")
         if known and (self.yaw == "fit" or not min(self.size) > 0):
-            raise ValueError("with 'centre', sizes are positive and yaw is a number of degrees")
+            raise mistake(f"size {self.size} with yaw {self.yaw}", "with 'centre', give sizes above 0 and a yaw in degrees")
         return self
 
     def placed(self, name, world):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.errors import InputError
 from pipeline.geometry.boxes import AxisBox, fit_room
-from pipeline.plugins.base import Finite, Pixel, Shape, Vector, parameter
+from pipeline.plugins.base import Finite, Pixel, Shape, Vector, mistake, parameter
 
 WALLS = Literal["left", "right", "back", "front", "ceiling"]
 
@@ -29,6 +29,14 @@ class Room(Shape):
                               description="distance of an unseen front wall behind the camera")
     lower: Vector | None = parameter(None, "m", description="with `upper`, the room itself instead of annotations")
     upper: Vector | None = parameter(None, "m")
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        if (self.lower is None) != (self.upper is None):
+            raise mistake("only one of 'lower' and 'upper' is there", "give both, in metres")
+        if self.lower is not None and (self.corners or self.edges or self.known):
+            raise mistake("both annotated and measured", "keep 'lower' and 'upper', or 'corners', 'edges' and 'known'")
+        return self
 
     def placed(self, name, world):
         if self.lower is None or self.upper is None:

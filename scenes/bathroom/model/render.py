@@ -35,6 +35,7 @@ from pipeline.geometry.camera import Camera, rotation  # noqa: E402
 
 SUPERSAMPLING = 3  # per side; box-averaged in linear light, so that grout lines do not alias
 JPEG_QUALITY = 95
+GRANITE_MEAN = 0.376  # of POV-Ray's granite pattern over the platform's front, averaged from a render
 
 AXES = {"x": 0, "y": 1, "z": 2}
 EDGE_SAMPLES = 41  # points tested for visibility along each edge
@@ -106,7 +107,7 @@ def mean_tile_albedo(n: dict, tile: str, size: str, grout: str) -> np.ndarray:
 # ---- Truth ----------------------------------------------------------------------------------------------
 
 def truth_of(n: dict) -> dict:
-    """Everything that is known exactly about the photograph. Radiance in photo.exr's unit."""
+    """Everything that is known exactly about the photograph. Radiance in photograph.exr's unit."""
     camera, exposure = camera_of(n), n["Exposure"]
 
     def light(name: str, radiance: str) -> dict:
@@ -119,6 +120,7 @@ def truth_of(n: dict) -> dict:
     def box(name: str) -> dict:
         return {"min_m": n[f"{name}_Min"], "max_m": n[f"{name}_Max"]}
 
+    kind = {"kind": "lambertian_rectangle"}
     return {
         "about": "True values of photograph.exr. Written by model/render.py from model/numbers.inc; "
                  "for tests and benchmarks only: no estimate may read them.",
@@ -133,9 +135,9 @@ def truth_of(n: dict) -> dict:
             "position_m": camera.position, "world_from_camera": camera.world_from_camera,
         },
         "lights": {
-            "ceiling_lamp": {"kind": "lambertian_rectangle", **light("Ceiling_Lamp", "Ceiling_Lamp_Radiance")},
-            "mirror_lamp": {"kind": "lambertian_rectangle", **light("Mirror_Lamp", "Mirror_Lamp_Radiance")},
-            "sky": {"kind": "lambertian_rectangle", **light("Window", "Sky_Radiance")},
+            "ceiling_lamp": kind | light("Ceiling_Lamp", "Ceiling_Lamp_Radiance"),
+            "mirror_lamp": kind | light("Mirror_Lamp", "Mirror_Lamp_Radiance"),
+            "sky": kind | light("Window", "Sky_Radiance"),
             "sun": {
                 "kind": "directional",
                 "direction_of_travel": n["Sun_Travel"] / np.linalg.norm(n["Sun_Travel"]),
@@ -154,7 +156,7 @@ def truth_of(n: dict) -> dict:
             "wall_dark_course": mean_tile_albedo(n, "Band", "Wall", "Wall_Grout"),
             "floor": mean_tile_albedo(n, "Floor_Tile", "Floor", "Floor_Grout"),
             "ceiling": n["Ceiling_Paint"], "tub": n["Tub_White"],
-            "platform": (n["Platform_A"] + n["Platform_B"]) / 2,
+            "platform": n["Platform_A"] + GRANITE_MEAN * (n["Platform_B"] - n["Platform_A"]),
             "mirror": n["Mirror_Panel"], "door": n["Door_Wood"], "white_trim": n["White_Trim"],
         },
     }
@@ -203,7 +205,8 @@ def annotations_of(n: dict) -> dict:
                           "world_m": np.array([a, b])})
     return {
         "about": "Exact projections of the model. Written by model/render.py. Pixels: u right, v down from "
-                 "the top-left corner of photograph.jpg; the first pixel's centre is (0.5, 0.5).",
+                 "the top-left corner of photograph.jpg; the first pixel's centre is (0.5, 0.5). "
+                 "`visible`: in the frame and hidden by no tub, platform or door; small things may cover it.",
         "image_size_px": [camera.width, camera.height],
         "room_corners": corners(room),
         "boxes": {name: corners(box) for name, box in boxes.items()},
