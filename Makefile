@@ -77,7 +77,7 @@ S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
 run = @$(PY) -m pipeline
 plugins := $(shell find pipeline/plugins pipeline/physics pipeline/geometry -name '*.py' 2>/dev/null)
-templates := $(shell find templates povray_includes $(if $(scene),$(wildcard $(SCENES)/$(scene)/templates)) -type f 2>/dev/null) \
+templates := $(shell find templates povray_includes $(if $(scene),$(wildcard $(SCENES)/$(scene)/templates)) -type f ! -name '*.html' 2>/dev/null) \
              $(if $(scene),$(wildcard $(SCENES)/$(scene)/*.inc $(SCENES)/$(scene)/*.pov $(SCENES)/$(scene)/*/*.inc))
 source = pipeline/stages/$(1).py $(plugins)
 
@@ -87,7 +87,7 @@ all: $(O)/report.html
 
 # Always looked at, but a part of the scene that did not change keeps its time stamp.
 SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json shapes.json lights.json strengths.json illumination.json sun_direction.json)
-FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json render.json)
+FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json render.json gains.json)
 resolve: $(READY) | povray
 	$(run) resolve
 $(SHARED_INPUTS) $(FOG_INPUTS): resolve ;
@@ -103,17 +103,18 @@ $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipel
 $(S)/illumination.json $(S)/albedo.exr &: $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json $(S)/inputs/illumination.json $(S)/inputs/strengths.json \
   $(templates) $(wildcard pipeline/estimation/*.py pipeline/rendering/*.py) $(call source,illumination)
 	$(run) illumination
-$(O)/plan.json: $(S)/illumination.json $(FOG_INPUTS) pipeline/rendering/runs.py $(call source,plan)
+$(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/render.json pipeline/rendering/runs.py $(call source,plan)
 	$(run) plan
 $(O)/pov/emitted.json: $(O)/plan.json $(templates) pipeline/rendering/emit.py $(call source,emit)
 	$(run) emit
 $(O)/runs/done.json: $(O)/pov/emitted.json pipeline/rendering/povray.py $(call source,render)
 	$(run) render
-$(O)/maps.json: $(O)/runs/done.json $(call source,decompose)
+$(O)/maps.json: $(O)/runs/done.json $(O)/inputs/gains.json $(call source,decompose)
 	$(run) decompose
 $(O)/foggy.png: $(O)/maps.json $(S)/photograph.json $(call source,composite)
 	$(run) composite
-$(O)/report.html: $(O)/foggy.png templates/report.html $(call source,report)
+$(O)/report.html: $(O)/foggy.png pipeline/imaging/overlay.py templates/report.html \
+  $(wildcard $(SCENES)/$(scene)/report.html $(SCENES)/$(scene)/templates/report.html) $(call source,report)
 	$(run) report
 
 closure: $(O)/report.html

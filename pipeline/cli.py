@@ -1,7 +1,7 @@
 """Command line: one subcommand a stage, and what a person asks of the plugins and the scene format.
 
-Make names the scene, the fog and the overrides in the environment (FOG_SCENE, FOG_NAME, FOG_OVERRIDES with one
-KEY=VALUE a line), so that no value passes through a shell.
+Make names the scene, the fog and the overrides in the environment (FOG_SCENE, FOG_NAME, FOG_OVERRIDES with
+one KEY=VALUE a line), so that no value passes through a shell.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ def _parser() -> argparse.ArgumentParser:
                        ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
-        command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None, help="one of the scene's named fogs")
+        command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None,
+                             help="one of the scene's named fogs")
         command.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
         command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
         command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
@@ -87,7 +88,8 @@ def _parser() -> argparse.ArgumentParser:
     schema = commands.add_parser("schema", help="writes the scene file's JSON Schema")
     schema.add_argument("--output", type=Path, default=Path("scenes") / SCHEMA)
     schema.set_defaults(run=_schema)
-    photos = commands.add_parser("photos", help="fetches the demo photographs that the repository does not carry")
+    photos = commands.add_parser("photos",
+                                 help="fetches the demo photographs that the repository does not carry")
     photos.add_argument("--scenes", type=Path, default=Path("scenes"))
     photos.add_argument("--scene", default=os.environ.get("FOG_SCENE") or None)
     photos.set_defaults(run=_photos)
@@ -101,12 +103,14 @@ def _build(options) -> Build:
 
 
 def _overrides(options) -> dict[str, str]:
-    stated = [line for line in os.environ.get("FOG_OVERRIDES", "").splitlines() if line.strip()] + options.overrides
+    stated = [line for line in os.environ.get("FOG_OVERRIDES",
+                                              "").splitlines() if line.strip()] + options.overrides
     result = {}
     for item in stated:
         key, equals, value = item.strip().partition("=")
         if not equals or not key:
-            raise InputError(f"'{item}' is no KEY=VALUE", place="command line", remedy="write fog.visibility=3")
+            raise InputError(f"'{item}' is no KEY=VALUE", place="command line",
+                             remedy="write fog.visibility=3")
         result[key] = value
     return result
 
@@ -146,11 +150,13 @@ def _plugins(options) -> None:
                 if key == "type":
                     continue
                 unit = (field.json_schema_extra or {}).get("unit", "")
-                bounds = " ".join(str(m).replace("Ge(ge=", ">= ").replace("Gt(gt=", "> ").replace("Le(le=", "<= ")
+                bounds = " ".join(str(m).replace("Ge(ge=", ">= ").replace("Gt(gt=", "> ").replace("Le(le=",
+                                                                                                  "<= ")
                                   .replace("Lt(lt=", "< ").rstrip(")") for m in field.metadata
                                   if type(m).__name__ in ("Ge", "Gt", "Le", "Lt"))
                 default = "required" if field.is_required() else f"default {field.default}"
-                print(f"    {key} [{unit or '-'}] {default} {bounds}".rstrip() + f": {field.description or ''}")
+                about = f"{default} {bounds}".rstrip() + f": {field.description or ''}"
+                print(f"    {key} [{unit or '-'}] {about}")
 
 
 def _schema(options) -> None:

@@ -61,7 +61,7 @@ class Build:
 
     def input(self, part: str) -> Path:
         """One resolved part of the scene file; a part that did not change keeps its time stamp."""
-        folder = self.out if part in ("fog", "render") else self.shared
+        folder = self.out if part in ("fog", "render", "gains") else self.shared
         return folder / "inputs" / f"{part}.json"
 
     @property
@@ -161,12 +161,12 @@ class Build:
         return self.out / "inputs" / "seconds"
 
 
-def inside(build: Build, name: str) -> Path:
-    """A file of the scene's folder; a name that leads out of it is refused."""
+def inside(build: Build, name: str, stated_at: str | None = None) -> Path:
+    """A file of the scene's folder; a name that leads out of it is refused, as stated at `stated_at` [FILE:LINE]."""
     path = build.source / name
     try:
         path.resolve().relative_to(build.source.resolve())
     except ValueError:
-        raise InputError(f"'{name}' leads out of the scene's folder", place=str(build.scene_file),
+        raise InputError(f"'{name}' leads out of the scene's folder", place=stated_at or str(build.scene_file),
                          remedy=f"put the file into {build.source}") from None
     return path

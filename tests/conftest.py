@@ -13,7 +13,8 @@ from pipeline.cli import main
 from pipeline.paths import Build
 
 #: Up to the first maps; `report` shows what these wrote.
-CHAIN = ("resolve", "photograph", "camera", "geometry", "sun_direction", "illumination", "plan", "emit", "render",
+CHAIN = ("resolve", "photograph", "camera", "geometry", "sun_direction", "illumination", "plan", "emit",
+         "render",
          "decompose", "composite")
 
 TINY = """\
@@ -83,12 +84,14 @@ class TinyScene:
         """Number of the scene file's first line that holds `words`."""
         return next(n for n, text in enumerate(self.file.read_text().splitlines(), 1) if words in text)
 
-    def run(self, *stages: str, fog: str | None = None, overrides: tuple[str, ...] = (), scene: str | None = None) -> int:
+    def run(self, *stages: str, fog: str | None = None, overrides: tuple[str, ...] = (),
+            scene: str | None = None) -> int:
         """Exit status of the first stage that fails, or 0."""
         options = ["--scene", self.name if scene is None else scene, "--scenes", str(self.root / "scenes"),
                    "--build", str(self.root / "build"), *(["--fog", fog] if fog is not None else [])]
         for stage in stages or CHAIN:
-            sets = [word for override in overrides for word in ("--set", override)] if stage == "resolve" else []
+            sets = [word for override in overrides for word in ("--set",
+                                                                override)] if stage == "resolve" else []
             status = main([stage, *options, *sets])
             if status:
                 return status

@@ -82,21 +82,28 @@ class Edit:
 
 EDITS = [
     Edit("broken YAML", "position: [0, 1.2, 0]", "position: [0, 1.2, 0", "look_at", ("not valid YAML",)),
-    Edit("tabs", "  type: homogeneous", "\ttype: homogeneous", "\ttype: homogeneous", ("not valid YAML", "spaces instead of tabs")),
+    Edit("tabs", "  type: homogeneous", "\ttype: homogeneous", "\ttype: homogeneous",
+         ("not valid YAML", "spaces instead of tabs")),
     Edit("YAML tag", VISIBILITY, "visibility: !!python/object/apply:os.system [touch owned]", "os.system",
          ("YAML tag", "!!python/object/apply:os.system", "plain values")),
-    Edit("alias", "radiance: [4, 4, 4]", "radiance: *strength\nx: &strength [4, 4, 4]", "*strength", ("not valid YAML", "strength")),
+    Edit("alias", "radiance: [4, 4, 4]", "radiance: *strength\nx: &strength [4, 4, 4]", "*strength",
+         ("not valid YAML", "strength")),
     Edit("anchor used twice", "  position: [0, 1.2, 0]\n  look_at: [0, 1.2, -5]",
          "  position: &here [0, 1.2, 0]\n  look_at: *here", "look_at", ("alias", "write the values out")),
-    Edit("merge key", "  type: homogeneous\n", "  <<: {visibility: 3}\n  type: homogeneous\n", "<<", ("plain",)),
-    Edit("repeated key", VISIBILITY, "visibility: 6\n  visibility: 7", "visibility: 7", ("'visibility' is stated twice", "first in line 26")),
+    Edit("merge key", "  type: homogeneous\n", "  <<: {visibility: 3}\n  type: homogeneous\n", "<<",
+         ("'<<' is not a plain name",)),
+    Edit("repeated key", VISIBILITY, "visibility: 6\n  visibility: 7", "visibility: 7",
+         ("'visibility' is stated twice", "first in line 26")),
     Edit("unknown top-level key", "render:", "renderer:", "renderer:",
          ("renderer: unknown key", "did you mean 'render'", "use one of photograph, camera")),
-    Edit("misspelt key", VISIBILITY, "visibilty: 6", "visibilty", ("fog.visibilty: unknown key", "did you mean 'visibility'")),
+    Edit("misspelt key", VISIBILITY, "visibilty: 6", "visibilty",
+         ("fog.visibilty: unknown key", "did you mean 'visibility'")),
     Edit("misspelt key deep in a list", LAMP_POINTS, "pionts: [[0, 0, 0]]", "pionts",
          ("lights.lamp.outline.pionts: unknown key", "did you mean 'points'")),
-    Edit("unknown light", "type: area", "type: aera", "aera", ("lights.lamp.type", "'aera'", "did you mean 'area'", "point, spot, sun")),
-    Edit("unknown shape", "type: room", "type: sphere", "sphere", ("shapes.room.type", "'sphere'", "use one of cuboid, polygon, room")),
+    Edit("unknown light", "type: area", "type: aera", "aera",
+         ("lights.lamp.type", "'aera'", "did you mean 'area'", "point, spot, sun")),
+    Edit("unknown shape", "type: room", "type: sphere", "sphere",
+         ("shapes.room.type", "'sphere'", "use one of cuboid, polygon, room")),
     Edit("unknown medium", "fog:\n  type: homogeneous", "fog:\n  type: homogenous", "homogenous",
          ("fog.type", "did you mean 'homogeneous'")),
     Edit("unknown phase function", "type: isotropic", "type: mie", "mie",
@@ -105,78 +112,121 @@ EDITS = [
          ("illumination.type", "'guess'", "use one of karsch, manual")),
     Edit("estimator of something else", "render:", "sun_direction: {type: karsch}\nrender:", "karsch",
          ("sun_direction.type", "'karsch'", "window_patches")),
-    Edit("type missing", "    type: area\n", "", "lamp:", ("lights.lamp: 'type' is missing", "area, point, spot, sun")),
-    Edit("required key missing", "    outline:\n      " + LAMP_POINTS + "\n", "", "lamp:", ("lights.lamp: 'outline' is missing",)),
+    Edit("type missing", "    type: area\n", "", "lamp:",
+         ("lights.lamp: 'type' is missing", "area, point, spot, sun")),
+    Edit("required key missing", "    outline:\n      " + LAMP_POINTS + "\n", "", "lamp:",
+         ("lights.lamp: 'outline' is missing",)),
     Edit("required part missing", CAMERA, "", "camera:", ("camera = None", "group")),
-    Edit("no lights", TINY[TINY.index("lights:"):TINY.index("fog:")], "lights: {}\n", "lights:", ("lights = {}", "at least 1")),
-    Edit("visibility below 0", VISIBILITY, "visibility: -3", "visibility", ("fog.visibility = -3", "0.001 or more [m]")),
-    Edit("visibility not a number", VISIBILITY, "visibility: .nan", "visibility", ("fog.visibility = nan", "[m]")),
-    Edit("unit written out", VISIBILITY, "visibility: 6 m", "visibility", ("fog.visibility = '6 m'", "give a number [m]")),
-    Edit("number in quotes", VISIBILITY, 'visibility: "6"', "visibility", ("fog.visibility = '6'", "give a number [m]")),
-    Edit("true for a number", VISIBILITY, "visibility: true", "visibility", ("fog.visibility = True", "give a number [m]")),
-    Edit("asymmetry out of bounds", "type: isotropic", "type: henyey_greenstein\n    asymmetry: 1.5", "asymmetry",
+    Edit("no lights", TINY[TINY.index("lights:"):TINY.index("fog:")], "lights: {}\n", "lights:",
+         ("lights = {}", "at least 1")),
+    Edit("visibility below 0", VISIBILITY, "visibility: -3", "visibility",
+         ("fog.visibility = -3", "0.001 or more [m]")),
+    Edit("visibility not a number", VISIBILITY, "visibility: .nan", "visibility",
+         ("fog.visibility = nan", "[m]")),
+    Edit("unit written out", VISIBILITY, "visibility: 6 m", "visibility",
+         ("fog.visibility = '6 m'", "give a number [m]")),
+    Edit("number in quotes", VISIBILITY, 'visibility: "6"', "visibility",
+         ("fog.visibility = '6'", "give a number [m]")),
+    Edit("true for a number", VISIBILITY, "visibility: true", "visibility",
+         ("fog.visibility = True", "give a number [m]")),
+    Edit("asymmetry out of bounds", "type: isotropic", "type: henyey_greenstein\n    asymmetry: 1.5",
+         "asymmetry",
          ("fog.phase_function.asymmetry = 1.5", "0.999 or less")),
     Edit("albedo above 1", VISIBILITY, "visibility: 6\n  single_scattering_albedo: [1, 2, 1]", "albedo",
          ("fog.single_scattering_albedo.1 = 2", "1.0 or less")),
-    Edit("two channels", "radiance: [4, 4, 4]", "radiance: [4, 4]", "radiance", ("lights.lamp.radiance = [4, 4]", "at least 3 entries, not 2")),
-    Edit("infinite radiance", "radiance: [4, 4, 4]", "radiance: [4, .inf, 4]", "radiance", ("lights.lamp.radiance.1 = inf", "[photo unit]")),
-    Edit("visibility and coefficients", VISIBILITY, "visibility: 6\n  scattering_coefficient: [1, 1, 1]", "fog:",
+    Edit("two channels", "radiance: [4, 4, 4]", "radiance: [4, 4]", "radiance",
+         ("lights.lamp.radiance = [4, 4]", "at least 3 entries, not 2")),
+    Edit("infinite radiance", "radiance: [4, 4, 4]", "radiance: [4, .inf, 4]", "radiance",
+         ("lights.lamp.radiance.1 = inf", "[photo unit]")),
+    Edit("visibility and coefficients", VISIBILITY, "visibility: 6\n  scattering_coefficient: [1, 1, 1]",
+         "fog:",
          ("fog: both 'visibility' and a coefficient", "keep either")),
-    Edit("one coefficient alone", VISIBILITY, "scattering_coefficient: [1, 1, 1]", "fog:", ("nothing says how dense", "[1/m]")),
-    Edit("value of another way", VISIBILITY, "scattering_coefficient: [1, 1, 1]\n  absorption_coefficient: [0, 0, 0]\n"
+    Edit("one coefficient alone", VISIBILITY, "scattering_coefficient: [1, 1, 1]", "fog:",
+         ("nothing says how dense", "[1/m]")),
+    Edit("value of another way", VISIBILITY,
+         "scattering_coefficient: [1, 1, 1]\n  absorption_coefficient: [0, 0, 0]\n"
          "  contrast: koschmieder", "contrast", ("fog.contrast", "no meaning beside coefficients")),
-    Edit("name with a space", "  bulb:", "  my bulb:", "my bulb", ("lights.my bulb = 'my bulb'", "beginning with a letter")),
+    Edit("name with a space", "  bulb:", "  my bulb:", "my bulb",
+         ("lights.my bulb = 'my bulb'", "beginning with a letter")),
     Edit("choice misspelt", VISIBILITY, "visibility: 6\n  contrast: wmo", "contrast",
          ("fog.contrast = 'wmo'", "'meteorological_optical_range' or 'koschmieder'")),
     Edit("number or word", CAMERA, CAMERA + "  principal_point: middle\n", "principal_point",
          ("camera.principal_point = 'middle'", "'estimate'", "list")),
     Edit("polygon with two points", LAMP_POINTS, "points: [[0, 2.4, -3], [1, 2.4, -3]]", "points:",
          ("lights.lamp.outline.points", "at least 3 entries, not 2")),
-    Edit("collinear polygon", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -3], [2, 2, -3]]", "lamp:", ("lamp.outline", "on one line")),
-    Edit("self-crossing polygon", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -2], [1, 2, -3], [0, 2, -2]]", "lamp:",
+    Edit("collinear polygon", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -3], [2, 2, -3]]", "lamp:",
+         ("lamp.outline", "on one line")),
+    Edit("self-crossing polygon", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -2], [1, 2, -3], [0, 2, -2]]",
+         "lamp:",
          ("lamp.outline", "edges cross", "in order round the outline")),
-    Edit("polygon off its plane", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -3], [1, 1, -2], [0, 2, -2]]", "lamp:", ("off a common plane",)),
+    Edit("polygon off its plane", LAMP_POINTS, "points: [[0, 2, -3], [1, 2, -3], [1, 1, -2], [0, 2, -2]]",
+         "lamp:", ("off a common plane",)),
     Edit("patch above the horizon", LAMP_POINTS, lamp("room.floor|[[4, 2], [10, 2], [7, 5]]"), "lamp:",
          ("room.floor", "horizon", "pixel (4, 2)")),
     Edit("unknown plane", LAMP_POINTS, lamp("room.cieling|[[4, 2], [10, 2], [7, 5]]"), "lamp:",
          ("'room.cieling'", "did you mean 'room.ceiling'")),
-    Edit("pixels without plane", LAMP_POINTS, "pixels: [[4, 2], [10, 2], [7, 5]]", "outline", ("'on' and 'pixels' go together",)),
+    Edit("pixels without plane", LAMP_POINTS, "pixels: [[4, 2], [10, 2], [7, 5]]", "outline",
+         ("'on' and 'pixels' go together",)),
     Edit("position without depth", "      point: [1.2, 1.4, -4]", "      pixel: [12, 4]", "    position:",
          ("lights.bulb.position", "'depth' and 'on'")),
-    Edit("cuboid with too few corners", "lights:", TABLE + "lights:", "table:", ("table", "do not determine")),
+    Edit("cuboid with too few corners", "lights:", TABLE + "lights:", "table:",
+         ("table", "do not determine")),
     Edit("cuboid with contradictory corners", "lights:",
-         TABLE + "      front_right_top: [3, 17]\n      back_left_top: [20, 13]\nlights:", "table:", ("table: the width", "conflict", "left and right are not swapped")),
-    Edit("cuboid with an unknown corner", "lights:", TABLE + "      front_left_topp: [3, 17]\nlights:", "table:",
+         TABLE + "      front_right_top: [3, 17]\n      back_left_top: [20, 13]\nlights:", "table:",
+         ("table: the width", "conflict", "left and right are not swapped")),
+    Edit("cuboid with an unknown corner", "lights:", TABLE + "      front_left_topp: [3, 17]\nlights:",
+         "table:",
          ("table", "'front_left_topp'", "front_left_top")),
-    Edit("cuboid annotated and measured", "lights:", TABLE + "    centre: [0, 0.5, -3]\n    size: [1, 1, 1]\nlights:", "table:",
+    Edit("cuboid annotated and measured", "lights:",
+         TABLE + "    centre: [0, 0.5, -3]\n    size: [1, 1, 1]\nlights:", "table:",
          ("shapes.table", "both")),
-    Edit("room without enough annotation", ROOM, "    corners: {back_left_floor: [3, 14]}\n", "room:", ("do not determine",)),
-    Edit("room upside down", ROOM, "    lower: [-2, 3, -5]\n    upper: [2, 2.5, 1]\n", "room:", ("lower", "upper", "every axis")),
+    Edit("room without enough annotation", ROOM, "    corners: {back_left_floor: [3, 14]}\n", "room:",
+         ("do not determine",)),
+    Edit("room upside down", ROOM, "    lower: [-2, 3, -5]\n    upper: [2, 2.5, 1]\n", "room:",
+         ("lower", "upper", "every axis")),
     Edit("room by half", ROOM, "    lower: [-2, 0, -5]\n", "room:", ("only one of 'lower' and 'upper'",)),
-    Edit("room annotated and measured", ROOM, ROOM + "    corners: {back_left_floor: [3, 14]}\n", "room:", ("both annotated and measured",)),
-    Edit("camera without scale", CAMERA, "  horizontal_field_of_view: 70\n", "camera:", ("camera: no scale", "'height' [m]")),
-    Edit("camera told twice", CAMERA, CAMERA + "  height: 1.5\n", "camera:", ("camera:", "'height'", "leave")),
+    Edit("room annotated and measured", ROOM, ROOM + "    corners: {back_left_floor: [3, 14]}\n", "room:",
+         ("both annotated and measured",)),
+    Edit("camera without scale", CAMERA, "  horizontal_field_of_view: 70\n", "camera:",
+         ("camera: no scale", "'height' [m]")),
+    Edit("camera told twice", CAMERA, CAMERA + "  height: 1.5\n", "camera:",
+         ("camera:", "'height'", "leave")),
     Edit("no focal length", CAMERA, "  height: 1.2\n", "camera:", ("focal length", "lines")),
     Edit("degenerate lines", CAMERA, "  height: 1.2\n  lines:\n    x: [[[3, 3], [3, 3]], [[4, 9], [9, 9]]]\n"
          "    z: [[[3, 3], [5, 5]], [[3, 15], [5, 13]]]\n", "camera:", ("line", "(3, 3)")),
-    Edit("position is look_at", "look_at: [0, 1.2, -5]", "look_at: [0, 1.2, 0]", "camera:", ("[0.0, 1.2, 0.0]", "look somewhere else")),
-    Edit("look_at alone", "  position: [0, 1.2, 0]\n", "", "camera:", ("only one of 'position' and 'look_at'",)),
-    Edit("spot inside out", "    type: point\n", "    type: spot\n    target: {point: [0, 0, -3]}\n    inner_angle: 40\n", "bulb:",
+    Edit("position is look_at", "look_at: [0, 1.2, -5]", "look_at: [0, 1.2, 0]", "camera:",
+         ("[0.0, 1.2, 0.0]", "look somewhere else")),
+    Edit("look_at alone", "  position: [0, 1.2, 0]\n", "", "camera:",
+         ("only one of 'position' and 'look_at'",)),
+    Edit("spot inside out", "    type: point\n",
+         "    type: spot\n    target: {point: [0, 0, -3]}\n    inner_angle: 40\n", "bulb:",
          ("inner_angle 40", "outer_angle 30")),
-    Edit("direction of no length", "fog:\n", SUN + "    direction: [0, 0, 0]\nfog:\n", "direction:", ("points nowhere",)),
-    Edit("sun from behind the wall", "fog:\n", SUN + "    direction: [-1, -0.5, 0]\nfog:\n", "sun:", ("window", "does not enter")),
-    Edit("two suns", "fog:\n", SUN + SUN.replace("sun:", "sun2:", 1) + "fog:\n", "lights:", ("more than one light of type sun", "openings")),
-    Edit("patch that no sun explains", "fog:\n", SUN.replace("[[-1, 0, -3], [0, 0, -3], [0, 0, -2], [-1, 0, -2]]",
-         "[[-1.8, 2.4, 0.8], [1.8, 2.4, 0.8], [1.8, 2.4, -4.5], [-1.8, 2.4, -4.5]]") + "fog:\n", "sun:", ("no sun direction explains",)),
-    Edit("manual without strengths", "    radiance: [4, 4, 4]\n", "", "lamp:", ("lights.lamp: no radiance", "manual", "radiance:")),
-    Edit("photograph outside by ..", "photograph.png", "../../photograph.png", None, ("'../../photograph.png'", "out of the scene's folder")),
-    Edit("photograph by an absolute name", "photograph.png", "/etc/passwd", None, ("'/etc/passwd'", "out of the scene's folder")),
-    Edit("photograph missing", "photograph.png", "photo.png", None, ("photo.png: no such file", "scene.yaml:2")),
-    Edit("photograph is text", "photograph.png", "scene.yaml", None, ("scene.yaml: not a readable image", "JPEG, PNG, TIFF, EXR or HDR")),
+    Edit("direction of no length", "fog:\n", SUN + "    direction: [0, 0, 0]\nfog:\n", "direction:",
+         ("points nowhere",)),
+    Edit("sun from behind the wall", "fog:\n", SUN + "    direction: [-1, -0.5, 0]\nfog:\n", "sun:",
+         ("window", "does not enter")),
+    Edit("two suns", "fog:\n", SUN + SUN.replace("sun:", "sun2:", 1) + "fog:\n", "lights:",
+         ("more than one light of type sun", "openings")),
+    Edit("patch that no sun explains", "fog:\n",
+         SUN.replace("[[-1, 0, -3], [0, 0, -3], [0, 0, -2], [-1, 0, -2]]",
+         "[[-1.8, 2.4, 0.8], [1.8, 2.4, 0.8], [1.8, 2.4, -4.5], [-1.8, 2.4, -4.5]]") + "fog:\n", "sun:",
+         ("no sun direction explains",)),
+    Edit("manual without strengths", "    radiance: [4, 4, 4]\n", "", "lamp:",
+         ("lights.lamp: no radiance", "manual", "radiance:")),
+    Edit("photograph outside by ..", "photograph.png", "../../photograph.png", "file:",
+         ("'../../photograph.png'", "out of the scene's folder")),
+    Edit("photograph by an absolute name", "photograph.png", "/etc/passwd", "file:",
+         ("'/etc/passwd'", "out of the scene's folder")),
+    Edit("photograph missing", "photograph.png", "photo.png", None,
+         ("photo.png: no such file", "scene.yaml:2")),
+    Edit("photograph is text", "photograph.png", "scene.yaml", None,
+         ("scene.yaml: not a readable image", "JPEG, PNG, TIFF, EXR or HDR")),
     Edit("photograph is a folder", "photograph.png", ".", None, ("cannot be read", "directory")),
-    Edit("photograph too large", "  file: photograph.png", "  file: photograph.png\n  max_megapixels: 0.0001", None,
+    Edit("photograph too large", "  file: photograph.png", "  file: photograph.png\n  max_megapixels: 0.0001",
+         None,
          ("photograph.png: 24 x 18", "max_megapixels")),
-    Edit("fSpy file missing", CAMERA, "  height: 1.2\n  fspy: camera.json\n", None, ("camera.json: no such file", "scene.yaml:5")),
+    Edit("fSpy file missing", CAMERA, "  height: 1.2\n  fspy: camera.json\n", None,
+         ("camera.json: no such file", "scene.yaml:5")),
 ]
 
 
@@ -201,11 +251,12 @@ def test_scene_file(edit, tiny_scene, capsys):
     (b"a: 1\n---\nb: 2\n", (":2: ", "not valid YAML")),
     (b"\xff\xfe\x00", ("cannot be read", "UTF-8")),
     (b"a: '\x01'", ("not valid YAML", "control characters")),
-    (b"a: " + b"[" * 5000 + b"]" * 5000, ("nested too deeply",)),
+    (b"a: " + b"[" * 1500 + b"]" * 1500, ("nested too deeply",)),
     (b"a: " + b"9" * 5000, ("not valid YAML",)),
-    (b"? [1, 2]\n: 3\n", (":1: ", "name is not plain text")),
+    (b"? [1, 2]\n: 3\n", (":1: ", "a group as a name")),
     (b"#" * 3_000_000, ("3000000 bytes", "below 2000000 bytes")),
-], ids=["empty", "only a comment", "list", "words", "two documents", "not UTF-8", "control characters", "deep", "huge number",
+], ids=["empty", "only a comment", "list", "words", "two documents", "not UTF-8", "control characters",
+        "deep", "huge number",
         "list as a name", "too large"])
 def test_scene_file_that_is_none(content, says, tiny_scene, capsys):
     tiny_scene.file.write_bytes(content)
@@ -227,7 +278,8 @@ def test_how_many_more(tiny_scene, capsys):
     tiny_scene.replace("samples: 8", "samples: 0")
     tiny_scene.replace("sub_lights: 2", "sub_lights: 2.5")
     message = refusal(tiny_scene.run("resolve"), capsys.readouterr().err, tiny_scene.root)
-    assert "lights.lamp.sub_lights = 2.5 (and 2 more); give a whole number" in message  # the first in the file
+    # the first in the file
+    assert "lights.lamp.sub_lights = 2.5 (and 2 more); give a whole number" in message
 
 
 @pytest.mark.parametrize("name, says", [
@@ -270,11 +322,13 @@ def test_fog_name(fog, says, tiny_scene, capsys):
     ("lights.lmap.gain=2", ("lights has no 'lmap'", "use one of bulb, lamp", "did you mean 'lamp'")),
     ("lights.lamp.gain.x=2", ("lights.lamp.gain is a value, not a group",)),
     ("fog.visibility.x=2", ("fog.visibility is a value, not a group",)),
-    ("lights.lamp.outline.points.9.0=2", ("lights.lamp.outline.points has 4 entries, none numbered '9'", "from 0 to 3")),
+    ("lights.lamp.outline.points.9.0=2",
+     ("lights.lamp.outline.points has 4 entries, none numbered '9'", "from 0 to 3")),
     ("render.samples=2.5", ("render.samples = 2.5", "a whole number")),
 ])
 def test_override(override, says, tiny_scene, capsys):
-    message = refusal(tiny_scene.run("resolve", overrides=(override,)), capsys.readouterr().err, tiny_scene.root)
+    message = refusal(tiny_scene.run("resolve", overrides=(override,)), capsys.readouterr().err,
+                      tiny_scene.root)
     assert message.startswith("command line: ")
     for words in says:
         assert words in message
@@ -283,7 +337,8 @@ def test_override(override, says, tiny_scene, capsys):
 def test_override_that_contradicts_the_file_names_both(tiny_scene, capsys):
     status = tiny_scene.run("resolve", overrides=("fog.scattering_coefficient=[1,1,1]",))
     message = refusal(status, capsys.readouterr().err, tiny_scene.root)
-    assert message.startswith(f"command line, {tiny_scene.file}:{tiny_scene.line('fog:')}: fog: both 'visibility'")
+    line = tiny_scene.line("fog:")
+    assert message.startswith(f"command line, {tiny_scene.file}:{line}: fog: both 'visibility'")
 
 
 @pytest.mark.parametrize("arguments, says", [
@@ -299,7 +354,8 @@ def test_command_line(arguments, says, tiny_scene, capsys):
 # ---- photographs ---------------------------------------------------------------------------------
 
 def _truncated(path: Path) -> None:
-    path.write_bytes(imagecodecs.png_encode(np.random.default_rng(0).integers(0, 255, (18, 24, 3), np.uint8))[:700])
+    path.write_bytes(imagecodecs.png_encode(np.random.default_rng(0).integers(0, 255, (18, 24, 3),
+                                                                              np.uint8))[:700])
 
 
 def _symlink(path: Path) -> None:
@@ -334,7 +390,8 @@ FSPY = {"principalPoint": {"x": 0, "y": 0}, "horizontalFieldOfView": 1.2, "image
 def test_fspy(content, says, tiny_scene, capsys):
     (tiny_scene.folder / "camera.json").write_text(content)
     tiny_scene.replace(CAMERA, "  height: 1.2\n  fspy: camera.json\n")
-    message = refusal(tiny_scene.run("resolve", "photograph", "camera"), capsys.readouterr().err, tiny_scene.root)
+    message = refusal(tiny_scene.run("resolve", "photograph", "camera"), capsys.readouterr().err,
+                      tiny_scene.root)
     assert says in message and "camera.json" in message.split("; ")[0]
 
 
@@ -345,24 +402,31 @@ def _up_to_illumination(scene) -> int:
 
 
 @pytest.mark.parametrize("name, content, line, says", [
-    ("lights/area.inc", "// a lamp\nlight_sorce { <0,1,0> rgb 1 }\n", 2, ("POV-Ray: ", "light_sorce", "irradiance_lamp.log")),
+    ("lights/area.inc", "// a lamp\nlight_sorce { <0,1,0> rgb 1 }\n", 2,
+     ("POV-Ray: ", "light_sorce", "irradiance_lamp.log")),
     ("lights/area.inc", "// a lamp\nlight_source { <0,1,0> rgb << radiance | vectr >> }\n", 2, ("vectr",)),
     ("lights/area.inc", "// a lamp\n\n<% for cell in cells %>\n", 3, ("does not parse",)),
     ("lights/area.inc", "// a lamp\n<< radius >>\n", 2, ("'radius' is undefined",)),
     ("lights/area.inc", "// a lamp\n<< radiance / 2 >>\n", 2, ("template fails",)),
-    ("lights/area.inc", "<% include '../../../../etc/passwd' %>\n", None, ("no template '../../../../etc/passwd'",)),
+    ("lights/area.inc", "<% include '../../../../etc/passwd' %>\n", None,
+     ("no template '../../../../etc/passwd'",)),
     ("lights/area.inc", "<% include '/etc/passwd' %>\n", None, ("no template '/etc/passwd'",)),
     ("lights/area.inc", "// x\n<< ''.__class__.__mro__[1].__subclasses__() >>\n", 2, ("unsafe", "__class__")),
     ("lights/area.inc", "// x\n<< cells.__init__.__globals__ >>\n", 2, ("unsafe",)),
     ("lights/area.inc", "// x\n<% for i in range(999999999) %>x<% endfor %>\n", 2, ("range",)),
     ("lights/area.inc", '// x\n#include "/etc/passwd"\n', 2, ("'include' lets the scene open files",)),
     ("lights/area.inc", '/* /* */ // */ #/**/include concat("/etc/", "passwd")\n', 1, ("'include' lets",)),
-    ("lights/area.inc", '#fopen F "owned" write\n#write (F, "x")\n', 1, ("'fopen' lets the scene open files",)),
-    ("lights/area.inc", '#include "strings.inc"\nParse_String("...")\n', 1, ("'include' lets", '"colors.inc"')),
+    ("lights/area.inc", '#fopen F "owned" write\n#write (F, "x")\n', 1,
+     ("'fopen' lets the scene open files",)),
+    ("lights/area.inc", '#include "strings.inc"\nParse_String("...")\n', 1,
+     ("'include' lets", '"colors.inc"')),
     ("irradiance.pov", "nonsense\n", 1, ("POV-Ray: ",)),
-], ids=["POV-Ray syntax", "unknown filter", "loop without end", "unknown value", "wrong operation", "include outside",
-        "include absolute", "code execution", "code execution by globals", "endless loop", "POV-Ray reads outside",
-        "POV-Ray reads outside, disguised", "POV-Ray writes", "POV-Ray writes by its library", "whole scene replaced"])
+], ids=["POV-Ray syntax", "unknown filter", "loop without end", "unknown value", "wrong operation",
+        "include outside",
+        "include absolute", "code execution", "code execution by globals", "endless loop",
+        "POV-Ray reads outside",
+        "POV-Ray reads outside, disguised", "POV-Ray writes", "POV-Ray writes by its library",
+        "whole scene replaced"])
 def test_template(name, content, line, says, tiny_scene, capsys):
     template = tiny_scene.folder / name
     template.parent.mkdir(exist_ok=True)
@@ -397,9 +461,12 @@ def fresh_povray():
     (None, ("POV-Ray is not installed", "apt-get install povray")),
     ("#!/bin/sh\necho POV-Ray 3.8.0 >&2\n", ("version 3.8.0", "install POV-Ray 3.7")),
     ("#!/bin/sh\necho no idea\n", ("does not say its version",)),
-    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nkill -SEGV $$\n', ("signal SIGSEGV", "irradiance_lamp.log")),
-    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nexit 1\n', ("POV-Ray failed: it said nothing",)),
-    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nexit 0\n', ("wrote no readable picture",)),
+    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nkill -SEGV $$\n',
+     ("signal SIGSEGV", "irradiance_lamp.log")),
+    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nexit 1\n',
+     ("POV-Ray failed: it said nothing",)),
+    ('#!/bin/sh\n[ "$1" = --version ] && echo POV-Ray 3.7.0 && exit\nexit 0\n',
+     ("wrote no readable picture",)),
 ], ids=["missing", "another version", "another program", "crash", "silent failure", "no picture"])
 def test_povray(script, says, tiny_scene, capsys, monkeypatch, fresh_povray):
     program = tiny_scene.root / "povray"
@@ -424,7 +491,8 @@ def test_disk_full(tiny_scene, capsys, monkeypatch):
     monkeypatch.setattr(os, "replace", full)
     capsys.readouterr()
     message = refusal(tiny_scene.run("photograph"), capsys.readouterr().err, tiny_scene.root)
-    assert "photograph.exr: " in message and "No space left on device" in message and "space" in message.split("; ")[1]
+    assert "photograph.exr: cannot write the file: No space left on device; " in message
+    assert "space" in message.split("; ")[1]
     assert not tiny_scene.build.photograph.exists()
 
 
@@ -475,7 +543,8 @@ def test_build_folder_not_writable(tiny_scene, capsys, monkeypatch):
 @pytest.mark.parametrize("artefact, content, stage, says", [
     ("camera.json", "garbage", "geometry", "camera.json: cannot be read"),
     ("camera.json", "{}", "geometry", "camera.json: holds no camera"),
-    ("inputs/shapes.json", '{"room": {"type": "room", "lower": 3}}', "geometry", "build folder: shapes of type 'room'"),
+    ("inputs/shapes.json", '{"room": {"type": "room", "lower": 3}}', "geometry",
+     "build folder: shapes of type 'room'"),
     ("inputs/shapes.json", '{"room": {"type": "gone"}}', "geometry", "build folder: shapes of type 'gone'"),
     ("depth.exr", "garbage", "decompose", "depth.exr: not a readable OpenEXR file"),
     ("photograph.json", "\x00\x01", "camera", "photograph.json: cannot be read"),

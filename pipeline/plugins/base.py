@@ -200,8 +200,9 @@ class PhaseFunction(Plugin):
 class Medium(Plugin):
     """Fog: spectral coefficients times a relative density in space.
 
-    Templates state `Fog_Density(x,y,z)`, `Fog_Density_Path(x0,y0,z0,x1,y1,z1)` [m] (its integral along a
-    segment) and the macros `Fog_Extinction()`, `Fog_Scattering()` and `Fog_Shaft_Scattering(Source)`.
+    Templates state the macros `Fog_Extinction()` and `Fog_Scattering(Samples)` (media statements), the colour
+    `Fog_Scatter` [1/m], and for the sun's shafts (`run.shafts`) the functions `Fog_Density(X, Y, Z)` and
+    `Fog_Density_Path(X0, Y0, Z0, X1, Y1, Z1)` [m], its integral along a segment.
     """
 
     kind: ClassVar[str] = "media"
@@ -258,7 +259,7 @@ def registry(kind: str) -> dict[str, type[Plugin]]:
             if inspect.isclass(cls) and issubclass(cls, BASES[kind]) and cls.__module__ == module.__name__:
                 found[cls.type_name()] = cls
     for entry in importlib.metadata.entry_points(group=f"fog.{kind}"):
-        place = f"entry point fog.{kind}:{entry.name}"
+        place = f"entry point fog.{kind}:{entry.name}" + (f" of {entry.dist.name}" if entry.dist else "")
         try:
             cls = entry.load()
             is_one = inspect.isclass(cls) and issubclass(cls, BASES[kind]) and cls.type_name() == entry.name

@@ -16,14 +16,15 @@ def choice(kind: str, estimates: str | None = None) -> Any:
     names = sorted(c.type_name() for c in classes)
 
     def of_known_type(value: Any) -> Any:
-        """Asks for a `type` even where there is but one, lest a plugin installed later make the file invalid."""
+        """Asks for a `type` even where there is but one: a plugin installed later may bring a second."""
         if isinstance(value, dict):
             allowed = f"one of {', '.join(names)}"
             if "type" not in value:
                 raise mistake("'type' is missing", f"add 'type:' with {allowed}")
             if value["type"] not in names:
                 stated = str(value["type"])
-                raise mistake(f"type '{stated}' is not known", f"use {allowed}" + nearest(stated, names), at=("type",))
+                raise mistake(f"type '{stated}' is not known", f"use {allowed}" + nearest(stated, names),
+                              at=("type",))
         return value
 
     one_of = Annotated[Union[tuple(classes)], Field(discriminator="type")] if len(classes) > 1 else classes[0]

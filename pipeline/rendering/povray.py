@@ -147,7 +147,7 @@ def _explained(log: str, pov: Path, log_file: Path) -> InputError:
         lines = [line for line in log.splitlines() if "error" in line.lower()] or log.splitlines()[-1:]
         return InputError(f"POV-Ray failed: {lines[0] if lines else 'it said nothing'}", place=str(pov), remedy=see)
     line, message = int(match.group(2)), match.group(3)
-    message = re.sub(r"\s+", " ", message).removeprefix("Parse Error: ").strip()
+    message = re.sub(r"\s+", " ", message).removeprefix("Parse Error: ").partition(" Fatal error")[0].strip()
     emitted = pov.read_text(errors="replace").splitlines()
     return InputError(f"POV-Ray: {message} ({pov}:{line})", place=template_place(emitted, line) or f"{pov}:{line}",
                       remedy=f"mend this line of the template; {see}")

@@ -63,7 +63,8 @@ def _plain(value: Any) -> Any:
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    return {"width_pixel": camera.width, "height_pixel": camera.height, "focal_length_pixel": camera.focal_length,
+    return {"width_pixel": camera.width, "height_pixel": camera.height,
+            "focal_length_pixel": camera.focal_length,
             "principal_point_pixel": camera.principal_point, "position_m": camera.position,
             "world_from_camera": camera.world_from_camera}
 
@@ -99,6 +100,13 @@ def read_placed(build: Build) -> PlacedScene:
         lights[name] = plugin_from_json("lights", light)
     shapes = {name: plugin_from_json("shapes", shape) for name, shape in data["shapes"].items()}
     return PlacedScene(read_camera(build), shapes, lights)
+
+
+def read_strengths(build: Build) -> dict[str, np.ndarray]:
+    """Strength (3,) of every light, in its own unit, as the fog sees it: estimated or given, times its gain."""
+    gains = read_json(build.input("gains"))
+    return {name: np.multiply(light["strength"], gains[name])
+            for name, light in read_json(build.illumination)["lights"].items()}
 
 
 def read_fog(build: Build):

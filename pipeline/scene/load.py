@@ -21,7 +21,8 @@ MAX_BYTES = 2_000_000
 MAX_NODES = 200_000
 COMMAND_LINE = "command line"
 #: What plain values are; any other tag would ask the reader to build an object.
-PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "timestamp", "seq", "map")}
+PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "timestamp",
+                                                       "seq", "map")}
 
 #: What a scene file should hold instead, by pydantic's name of the mistake; {unit} like " [m]", or empty.
 WANTED = {
@@ -40,7 +41,8 @@ WANTED = {
     "literal_error": "{expected}",
     "string_too_short": "at least {min_length} characters",
     "string_too_long": "at most {max_length} characters",
-    "string_pattern_mismatch": "a name of letters, digits, '_' and '-', beginning with a letter, 40 characters at most",
+    "string_pattern_mismatch":
+        "a name of letters, digits, '_' and '-', beginning with a letter, 40 characters at most",
 }
 
 Keys = tuple  # names and list indices from the top of the scene file, such as ("lights", "lamp", "gain")
@@ -105,12 +107,13 @@ def read_scene(path: Path) -> SceneText:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(f"scene file of {size} bytes", place=str(path),
-                             remedy=f"keep it below {MAX_BYTES} bytes; pictures belong into files of their own")
+                             remedy=f"keep it below {MAX_BYTES} bytes, and pictures in files of their own")
         content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError("no such scene file", place=str(path), remedy=scenes_beside(path.parent)) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", place=str(path), remedy="give a readable UTF-8 text file") from None
+        raise InputError(f"cannot be read ({error})", place=str(path),
+                         remedy="give a readable UTF-8 text file") from None
     yaml = YAML(typ="safe", pure=True)
     try:
         root = yaml.compose(content)
@@ -124,14 +127,18 @@ def read_scene(path: Path) -> SceneText:
         return SceneText(path, _values(root, (), path, lines, set(), yaml.constructor), lines)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        tab = "\\t" in (error.problem or "")
-        raise InputError(f"not valid YAML ({error.problem or error.context})", place=f"{path}:{mark.line + 1}",
-                         remedy="indent with spaces instead of tabs" if tab else "mend this line or the one before") from None
+        remedy = "mend this line or the one before"
+        if "\\t" in (error.problem or ""):
+            remedy = "indent with spaces instead of tabs"
+        raise InputError(f"not valid YAML ({error.problem or error.context})",
+                         place=f"{path}:{mark.line + 1}",
+                         remedy=remedy) from None
     except (YAMLError, ValueError) as error:
         raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", place=str(path),
                          remedy="save it as plain text without control characters") from None
     except RecursionError:
-        raise InputError("values are nested too deeply", place=str(path), remedy="write them less deeply") from None
+        raise InputError("values are nested too deeply", place=str(path),
+                         remedy="write them less deeply") from None
 
 
 def scenes_beside(folder: Path) -> str:
@@ -166,7 +173,8 @@ def _values(node: Node, where: Keys, path: Path, lines: dict[Keys, int], seen: s
     for key, item in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, ScalarNode) or key.tag not in PLAIN_TAGS:
-            raise InputError("a name is not plain text", place=f"{path}:{line}", remedy="name values by words")
+            said = f"'{key.value}' is not a plain name" if isinstance(key, ScalarNode) else "a group as a name"
+            raise InputError(said, place=f"{path}:{line}", remedy="name values by words, and write merged ones out")
         if key.value in group:
             raise InputError(f"'{key.value}' is stated twice, first in line {lines[(*where, key.value)]}",
                              place=f"{path}:{line}", remedy="keep one of the two")
@@ -176,7 +184,7 @@ def _values(node: Node, where: Keys, path: Path, lines: dict[Keys, int], seen: s
 
 
 def _override(text: SceneText, model: type[Model], key: str, value: str, fog: str | None) -> None:
-    """Sets one value of the scene by its dotted path; a group that is not in the file starts from its default."""
+    """Sets one value of the scene by its dotted path; a group that the file lacks starts from its default."""
     parts = key.split(".")
     if parts[0] == "fog" and fog is not None:
         parts = ["fogs", fog, *parts[1:]]
@@ -190,7 +198,8 @@ def _override(text: SceneText, model: type[Model], key: str, value: str, fog: st
         group = ".".join(map(str, where)) or "the scene"
         if isinstance(node, list):
             if not part.isdecimal() or int(part) >= len(node):
-                raise InputError(f"{key}: {group} has {len(node)} entries, none numbered '{part}'", place=COMMAND_LINE,
+                raise InputError(f"{key}: {group} has {len(node)} entries, none numbered '{part}'",
+                                 place=COMMAND_LINE,
                                  remedy=f"count from 0 to {len(node) - 1}")
             part = int(part)
         elif not isinstance(node, dict):
@@ -233,13 +242,15 @@ def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> I
         said, remedy = f"{dotted}: {context['problem']}", context["remedy"]
     elif kind == "missing":
         key = problems[0]["loc"][-1]
-        said, remedy = f"{dotted}: '{key}' is missing", f"add '{key}:'{_unit(model, text.values, (*where, key))}"
+        said = f"{dotted}: '{key}' is missing"
+        remedy = f"add '{key}:'{_unit(model, text.values, (*where, key))}"
     elif kind == "value_error":
         problem, _, remedy = problems[0]["msg"].removeprefix("Value error, ").partition("; ")
         said, remedy = f"{dotted}: {problem}", remedy or "mend this entry"
     else:
         unit = _unit(model, text.values, where)
-        wanted = [WANTED.get(p["type"], "").format(**p.get("ctx", {}), unit=unit) or p["msg"] for p in problems]
+        wanted = [WANTED.get(p["type"], "").format(**p.get("ctx", {}),
+                                                   unit=unit) or p["msg"] for p in problems]
         value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
         said, remedy = f"{dotted} = {_short(value)}", f"give {' or '.join(dict.fromkeys(wanted))}"
     return InputError(said + more, place=text.place(where), remedy=remedy)
@@ -251,9 +262,13 @@ def _where(problem: dict, values: Any) -> Keys:
     for part in problem["loc"]:
         if entered and isinstance(node, dict) and node.get("type") == part:
             entered = False  # the branch of a plugin, which pydantic names after entering its group
-        elif isinstance(node, dict) and part in node or isinstance(node, list) and part in range(len(node)):
+        elif _holds(node, part):
             node, where, entered = node[part], (*where, part), True
     return (*where, *problem.get("ctx", {}).get("at", ()))
+
+
+def _holds(node: Any, part: str | int) -> bool:
+    return isinstance(node, dict) and part in node or isinstance(node, list) and part in range(len(node))
 
 
 def _field(model: type[BaseModel], values: Any, where: Keys) -> FieldInfo | None:
@@ -269,8 +284,7 @@ def _field(model: type[BaseModel], values: Any, where: Keys) -> FieldInfo | None
             if found is None:
                 return None
             models, named = _models(found.annotation), _is_dict(found.annotation)
-        inside = isinstance(node, dict) and part in node or isinstance(node, list) and part in range(len(node))
-        node = node[part] if inside else None
+        node = node[part] if _holds(node, part) else None
     return found
 
 

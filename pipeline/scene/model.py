@@ -112,6 +112,13 @@ def scene_model() -> type[Model]:
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the scene file, for editors."""
     schema = scene_model().model_json_schema()
+    for group in [schema, *schema["$defs"].values()]:
+        for part in group["properties"].values():
+            if "patternProperties" in part:
+                part["additionalProperties"] = False  # other names are refused
+    for definition in schema["$defs"].values():
+        if "const" in definition.get("properties", {}).get("type", {}):  # a plugin, which is told by its type
+            definition["required"] = ["type", *definition.get("required", [])]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "Fog scene"
     return schema

@@ -19,7 +19,7 @@ from pipeline.physics.composition import composite
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Run, Templates, emit
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths, write_json
 
 
 def run(build: Build) -> None:
@@ -27,8 +27,7 @@ def run(build: Build) -> None:
     plan, illumination, settings = read_json(build.plan), read_json(build.illumination), read_json(build.input("render"))
     if plan["fog_is_clear"]:
         raise InputError("the fog is clear: nothing to check", place=str(build.scene_file), remedy="pick a denser fog")
-    strengths = {name: np.multiply(entry["strength"], entry["gain"]).tolist()
-                 for name, entry in illumination["lights"].items()}
+    strengths = {name: strength.tolist() for name, strength in read_strengths(build).items()}
     albedos = [illumination["face_albedo"].get(face, [0.5] * 3) for face, _ in scene.faces()]
     suns = [name for name in plan["lights"] if isinstance(scene.lights[name], Sun)]
     lamps = [name for name in plan["lights"] if name not in suns]

@@ -11,7 +11,7 @@ from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.physics.composition import composite, with_restored_lamps
-from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_photograph
+from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_photograph, read_strengths
 
 
 def run(build: Build) -> None:
@@ -26,8 +26,8 @@ def run(build: Build) -> None:
         return
     radiance = photograph.radiance
     if read_json(build.input("render"))["restore_clipped_lamps"]:
-        lights = read_json(build.illumination)["lights"].values()
-        shown = {index: np.multiply(light["strength"], light["gain"]) for index, light in enumerate(lights)
+        lights, strengths = read_json(build.illumination)["lights"], read_strengths(build)
+        shown = {index: strengths[name] for index, (name, light) in enumerate(lights.items())
                  if light["quantity"] == "radiance"}
         radiance = with_restored_lamps(radiance, photograph.clipped, read_map(build.surfaces)[..., 1], shown)
     foggy = composite(radiance, read_map(build.transmittance), read_map(build.in_scattering()))

@@ -10,7 +10,7 @@ from pipeline.geometry.visibility import visible
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.upsampling import upsample
 from pipeline.rendering.runs import from_json
-from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_placed, write_json
+from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_placed, read_strengths, write_json
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
 FEWEST_DIGITS = 6e-4
@@ -18,8 +18,7 @@ FEWEST_DIGITS = 6e-4
 
 def run(build: Build) -> None:
     plan, scene, medium = read_json(build.plan), read_placed(build), read_fog(build)
-    illumination = read_json(build.illumination)
-    strengths = {name: np.multiply(entry["strength"], entry["gain"]) for name, entry in illumination["lights"].items()}
+    strengths = read_strengths(build)
     runs = {data["id"]: from_json(data) for data in plan["runs"]}
     metadata = fog_metadata(build, medium)
     depth = read_map(build.depth).astype(float)

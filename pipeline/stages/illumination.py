@@ -1,6 +1,6 @@
 """Photograph and clear renders of each light alone -> illumination.json, albedo.exr, basis/.
 
-basis/irradiance_LIGHT.exr (full size, direct, white surfaces) serves T as well; basis/bounce_LIGHT.exr (small,
+basis/irradiance_LIGHT.exr (full size, direct, white surfaces) serves T as well; basis/bounce_LIGHT_ROUND.exr (small,
 with interreflection on surfaces of the albedo estimated so far) serves the estimate alone.
 """
 
@@ -37,7 +37,7 @@ def run(build: Build) -> None:
         runs[planned.id] = as_json(planned)
     write_json(build.basis / "runs.json", runs)
 
-    given = {name: entry["given"] for name, entry in strengths.items() if entry["given"] is not None}
+    given = {name: strength for name, strength in strengths.items() if strength is not None}
     if len(given) == len(scene.lights):
         lights = {name: {"strength": given[name], "source": "given"} for name in scene.lights}
         fit, report = None, {"estimator": "none needed: every strength is given", "messages": []}
@@ -47,7 +47,8 @@ def run(build: Build) -> None:
             fit, faces = _estimate(build, scene, settings, given, templates)
         except InputError as error:
             raise error.at(scene_place(build, "illumination")) from None
-        lights = {name: {"strength": fit.intensity[i].tolist(), "standard_error": fit.standard_error[i],
+        lights = {name: {"strength": fit.intensity[i].tolist(), # an error without bound is none that JSON can hold
+                         "standard_error": np.where(np.isfinite(fit.standard_error[i]), fit.standard_error[i], None),
                          "source": "given" if name in given else settings.type}
                   for i, name in enumerate(scene.lights)}
         report = {"estimator": settings.type, "scale_source": fit.scale_source, "messages": list(fit.messages),
@@ -56,7 +57,7 @@ def run(build: Build) -> None:
                   "correlation": fit.correlation,
                   "inseparable": [[list(scene.lights)[i] for i in pair] for pair in fit.inseparable]}
     for name, light in scene.lights.items():
-        lights[name].update(gain=strengths[name]["gain"], quantity=light.strength_name,
+        lights[name].update(quantity=light.strength_name,
                             unit=type(light).model_fields[light.strength_name].json_schema_extra["unit"])
     names = [face for face, _ in scene.faces()]
     write_json(build.illumination, {
@@ -82,7 +83,7 @@ def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates
     albedos = {i: stated.get(i, np.full(3, settings.default_albedo)) for i in range(len(scene.faces()))}
     fit = None
     for turn in range(settings.rounds):
-        basis = np.stack([_bounce(build, small_scene, light, albedos, maps.surface, settings, templates)
+        basis = np.stack([_bounce(build, small_scene, light, turn, albedos, maps.surface, settings, templates)
                           for light in names])
         fit = estimate_intensities(
             EstimationMaps(maps.photograph, basis, maps.surface, maps.emitter, maps.clipped, maps.annotated), names,
@@ -155,11 +156,11 @@ def _observations(build: Build, scene: PlacedScene, settings):
     return maps, measured, at_least
 
 
-def _bounce(build: Build, scene: PlacedScene, light: str, albedos: dict[int, np.ndarray], surface: np.ndarray,
+def _bounce(build: Build, scene: PlacedScene, light: str, turn: int, albedos: dict[int, np.ndarray], surface: np.ndarray,
             settings, templates: Templates) -> np.ndarray:
     """Irradiance/pi (h, w, 3) of one light at unit strength, interreflection included."""
     full = irradiance_run(scene, light)
-    planned = Run(f"bounce_{light}", "bounce", [light], scene.camera.width, scene.camera.height, full.exposure,
+    planned = Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height, full.exposure,
                   options={"bounces": settings.bounces, "rays": 120})
     listed = [albedos[i].tolist() for i in range(len(albedos))]
     _render(build, planned, emit(planned, scene, templates, albedos=listed))

@@ -71,7 +71,7 @@ def run(build: Build) -> None:
 
     pictures = _pictures(build, artefacts["plan"], radiance, depth, drawn, exposure)
     text = page(
-        build, pictures=pictures, notices=notices(artefacts), lights=light_rows(artefacts["illumination"]),
+        build, pictures=pictures, notices=notices(artefacts), lights=light_rows(artefacts["illumination"], read_json(build.input("gains"))),
         suns=sun_rows(artefacts["suns"]), camera=camera_facts(scene.camera, artefacts["camera"]),
         residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, scene.camera, depth),
         seconds=seconds, errors=errors, manifest=manifest, plan=artefacts["plan"], facts=artefacts["facts"],
@@ -195,7 +195,7 @@ def notices(artefacts: dict[str, Any]) -> list[dict[str, str]]:
     return [{"stage": stage, "text": text} for stage, text in found]
 
 
-def light_rows(illumination: dict[str, Any]) -> list[dict[str, Any]]:
+def light_rows(illumination: dict[str, Any], gains: dict[str, float]) -> list[dict[str, Any]]:
     """One row a light: strength (3,), standard error, unit, and a swatch of its colour."""
     rows = []
     for name, light in illumination["lights"].items():
@@ -203,7 +203,7 @@ def light_rows(illumination: dict[str, Any]) -> list[dict[str, Any]]:
         tint = displayed((strength / max(strength.max(), 1e-300))[None, None])[0, 0]
         error = light.get("standard_error")
         uncertain = light["source"] != "given" and error is not None
-        rows.append({"name": name, **light, "swatch": "#%02x%02x%02x" % tuple(int(x) for x in tint),
+        rows.append({"name": name, **light, "gain": gains[name], "swatch": "#%02x%02x%02x" % tuple(int(x) for x in tint),
                      "standard_error": np.broadcast_to(error, 3).tolist() if uncertain else None})
     return rows
 

@@ -47,7 +47,8 @@ class Area(Light):
         area = polygon_area(self.outline.polygon)
         offset = np.asarray(points, float) - centre
         distance = np.linalg.norm(offset, axis=-1)
-        cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0, 1)
+        # behind the lamp some arrives all the same, by reflection: no point may get none at all
+        cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0.02, 1)
         return area * cosine / (distance**2 + area / np.pi), distance
 
     def statement(self) -> dict[str, Any]:
