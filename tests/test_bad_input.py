@@ -540,6 +540,12 @@ def test_build_folder_not_writable(tiny_scene, capsys, monkeypatch):
     assert "build" in message and "Permission denied; check that" in message
 
 
+def test_stage_before_its_turn(tiny_scene, capsys):
+    assert tiny_scene.run("resolve") == 0
+    message = refusal(tiny_scene.run("camera"), capsys.readouterr().err, tiny_scene.root)
+    assert "photograph.json: no such file; run the stages before this one" in message
+
+
 @pytest.mark.parametrize("artefact, content, stage, says", [
     ("camera.json", "garbage", "geometry", "camera.json: cannot be read"),
     ("camera.json", "{}", "geometry", "camera.json: holds no camera"),

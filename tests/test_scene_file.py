@@ -109,8 +109,8 @@ def test_values_and_lines(tmp_path):
 ])
 def test_override(key, value, read, tmp_path):
     path = tmp_path / "scene.yaml"
-    path.write_text(BATHROOM.read_text().split("\nfog:")[0]
-                    + "\nfog: {type: homogeneous, visibility: 9}\nfogs: {thin: {type: homogeneous, visibility: 30}}\n")
+    fogs = "fog: {type: homogeneous, visibility: 9}\nfogs: {thin: {type: homogeneous, visibility: 30}}\n"
+    path.write_text(BATHROOM.read_text().split("\nfog:")[0] + "\n" + fogs)
     assert not read(load_scene(path))
     assert read(load_scene(path, {key: value}))
 

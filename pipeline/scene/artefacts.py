@@ -37,6 +37,9 @@ def write_json_if_changed(path: Path, value: Any) -> bool:
 def read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("no such file", place=str(path),
+                         remedy="run the stages before this one, or all of them: make scene=NAME") from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy=REMAKE) from None
