@@ -7,16 +7,21 @@
 #   make help                                all targets and variables
 #
 # Stages meet in files: a rule below names what a stage reads and writes, and redoes it when one of them, its
-# own source or a template is newer. Scene, fog and overrides reach Python through the environment, never
-# through a shell.
+# own source or a template is newer. Where a stage writes several files, Make looks at the one written last, so
+# that an interrupted stage is redone, and at whether the others are there. Scene, fog and overrides reach
+# Python through the environment, never through a shell.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
 .SUFFIXES:
+# `make -n` tells what sources and templates would redo; what the scene file would, only a real run finds out
+dry_run := $(findstring n,$(filter-out --%,$(firstword -$(MAKEFLAGS))))
 MAKEFLAGS += --no-builtin-rules
 
-.DEFAULT_GOAL := $(if $(scene),all,help)
+ifneq ($(words $(CURDIR)),1)
+  $(error the project lies in '$(CURDIR)', whose name has a space: POV-Ray and Make cannot use it; move or rename the folder)
+endif
 
 scene ?=
 fog ?=
@@ -25,25 +30,59 @@ SCENES ?= scenes
 BUILD ?= build
 
 # ---- scene, fog and overrides ------------------------------------------------------------------
+# Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
+# before they are known to be plain.
+unexport scene fog
 define newline
 
 
 endef
-empty :=
-space := $(empty) $(empty)
-ifneq ($(words x$(scene)),1)
-  $(error scene name '$(scene)' has a space in it; name a folder under scenes/)
+digits := 0 1 2 3 4 5 6 7 8 9
+letters := a b c d e f g h i j k l m n o p q r s t u v w x y z \
+           A B C D E F G H I J K L M N O P Q R S T U V W X Y Z
+plain := $(digits) $(letters) _ - .
+define strip_plain
+  rest := $$(value $(1))
+  $$(foreach c,$(plain) $(2),$$(eval rest := $$$$(subst $$(c),,$$$$(rest))))
+endef
+define check_name
+  $(call strip_plain,$(1))
+  ifneq ($$(rest)$$(findstring ..,$$(value $(1)))$$(filter-out $(addsuffix %,$(digits) $(letters)),$$(value $(1))),)
+    $$(error $(1) name '$$(value $(1))': use letters, digits, '_', '-' and '.', beginning with a letter or digit)
+  endif
+endef
+define check_folder
+  $(call strip_plain,$(1),/ + @)
+  ifneq ($$(rest)$$(if $$(value $(1)),,x),)
+    $$(error $(1)='$$(value $(1))': Make can only use a folder's path of letters, digits and '/_-.+@')
+  endif
+endef
+$(eval $(call check_name,scene))
+$(eval $(call check_name,fog))
+$(eval $(call check_folder,SCENES))
+$(eval $(call check_folder,BUILD))
+
+# every variable on the command line whose name has a dot overrides that value of the scene; groups come first
+stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
+dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
+known := scene fog SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
+ifneq ($(strange),)
+  $(error no variable is called '$(strange)': use scene, fog, a value of the scene by its path such as fog.visibility=3, or see `make help`)
 endif
-ifneq ($(words x$(fog)),1)
-  $(error fog name '$(fog)' has a space in it; name one of the scene's fogs)
-endif
-# every variable on the command line whose name has a dot overrides that value of the scene
-dotted := $(foreach v,$(.VARIABLES),$(if $(and $(findstring .,$(v)),$(filter command,$(firstword $(origin $(v))))),$(v)))
-export FOG_OVERRIDES := $(foreach v,$(dotted),$(v)=$(value $(v))$(newline))
+export FOG_OVERRIDES := $(foreach v,$(dotted),$v=$(value $v)$(newline))
 export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
+
+.DEFAULT_GOAL := $(if $(scene),all,help)
+goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
+ifeq ($(scene),)
+  ifneq ($(filter all resolve closure photograph,$(goals))$(fog)$(dotted),)
+    $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
+  endif
+endif
 
 # ---- set-up ------------------------------------------------------------------------------------
 VENV := .venv
@@ -51,23 +90,29 @@ PY := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 $(READY): pipeline/requirements.lock
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "error: $(PYTHON) is older than 3.11; install Python 3.11 or newer, or name it: make PYTHON=python3.12" >&2; exit 2; }
-	@echo "set-up: Python packages into $(VENV)"
-	@rm -rf $(VENV).partial; $(PYTHON) -m venv --clear $(VENV) || \
-	  { echo "error: no virtual environment; install Python's venv module (on Debian: apt-get install python3-venv)" >&2; exit 2; }
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $< || \
-	  { echo "error: the packages of $< could not be installed; is there a network?" >&2; exit 2; }
+	@refuse() { echo "error: $$1" >&2; exit 2; }; \
+	command -v $(firstword $(PYTHON)) >/dev/null || refuse "no program '$(PYTHON)'; install Python 3.11 or newer, or name it: make PYTHON=python3.12"; \
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  refuse "$(PYTHON) is older than 3.11; install Python 3.11 or newer, or name it: make PYTHON=python3.12"; \
+	$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  refuse "$(PYTHON) makes no virtual environments; install its venv module (on Debian: sudo apt-get install python3-venv)"; \
+	[ ! -L $(VENV) ] || refuse "$(VENV) is a link; remove it: what it points to would be emptied"; \
+	echo "set-up: Python packages into $(VENV)"; \
+	$(PYTHON) -m venv --clear $(VENV) || refuse "no virtual environment in $(VENV); see above"; \
+	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $< || \
+	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
 .PHONY: povray setup
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
+	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
 	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then as=""; \
 	elif command -v apt-get >/dev/null && command -v sudo >/dev/null && sudo -n true 2>/dev/null; then as="sudo -n"; \
 	else echo "error: POV-Ray is not installed; run: sudo apt-get install povray (or your system's equivalent)" >&2; exit 2; fi; \
 	echo "set-up: POV-Ray from the system's packages"; \
-	{ $$as apt-get update -qq || true; $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends povray; } >/dev/null || \
+	{ $$as apt-get update -qq || true; \
+	  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends povray; } >/dev/null </dev/null || \
 	{ echo "error: POV-Ray could not be installed; run: sudo apt-get install povray" >&2; exit 2; }
 
 setup: $(READY) povray
@@ -76,45 +121,62 @@ setup: $(READY) povray
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
 run = @$(PY) -m pipeline
-plugins := $(shell find pipeline/plugins pipeline/physics pipeline/geometry -name '*.py' 2>/dev/null)
-templates := $(shell find templates povray_includes $(if $(scene),$(wildcard $(SCENES)/$(scene)/templates)) -type f ! -name '*.html' 2>/dev/null) \
-             $(if $(scene),$(wildcard $(SCENES)/$(scene)/*.inc $(SCENES)/$(scene)/*.pov $(SCENES)/$(scene)/*/*.inc))
-source = pipeline/stages/$(1).py $(plugins)
+
+# what a stage is made from: its own source, and the packages that do its work
+code = pipeline/stages/$(1).py $(wildcard $(foreach d,$(2),pipeline/$(d)/*.py pipeline/$(d)/*/*.py))
+geometry := geometry plugins
+beside = $(if $(filter-out $(wildcard $(1)),$(1)),FORCE)
+templates := $(shell find templates povray_includes -type f \( -name '*.inc' -o -name '*.pov' \) 2>/dev/null)
+closure_templates := templates/closure.pov
+clear_templates := templates/irradiance.pov templates/bounce.pov
+fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
+                 $(filter templates/media/% templates/phase_functions/%,$(templates))
 
 .PHONY: all resolve closure FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
 # Always looked at, but a part of the scene that did not change keeps its time stamp.
-SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json shapes.json lights.json strengths.json illumination.json sun_direction.json)
+SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json shapes.json lights.json strengths.json \
+                   illumination.json sun_direction.json templates.json plugins.json demand.json)
 FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json render.json gains.json)
 resolve: $(READY) | povray
-	$(run) resolve
+	@FOG_MAKE=$$PPID $(PY) -m pipeline resolve
+ifeq ($(dry_run),)
 $(SHARED_INPUTS) $(FOG_INPUTS): resolve ;
+endif
 
-$(S)/photograph.json $(S)/photograph.exr $(S)/clipped.exr &: $(S)/inputs/photograph.json pipeline/imaging/photograph.py $(call source,photograph)
+$(S)/photograph.json: $(call beside,$(S)/photograph.exr $(S)/clipped.exr) $(S)/inputs/photograph.json \
+  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,photograph)
 	$(run) photograph
-$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call source,camera)
+$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
 	$(run) camera
-$(S)/geometry.json $(S)/depth.exr $(S)/surfaces.exr &: $(S)/camera.json $(S)/inputs/shapes.json $(S)/inputs/lights.json $(call source,geometry)
+$(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.json \
+  $(addprefix $(S)/inputs/,shapes.json lights.json plugins.json) $(call code,geometry,$(geometry))
 	$(run) geometry
-$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipeline/estimation/sun_direction.py $(call source,sun_direction)
+$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
+  $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
-$(S)/illumination.json $(S)/albedo.exr &: $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json $(S)/inputs/illumination.json $(S)/inputs/strengths.json \
-  $(templates) $(wildcard pipeline/estimation/*.py pipeline/rendering/*.py) $(call source,illumination)
+$(S)/illumination.json: $(call beside,$(S)/albedo.exr) $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
+  $(addprefix $(S)/inputs/,illumination.json strengths.json templates.json demand.json) \
+  $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
-$(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/render.json pipeline/rendering/runs.py $(call source,plan)
+$(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/render.json \
+  pipeline/rendering/runs.py $(call code,plan,$(geometry))
 	$(run) plan
-$(O)/pov/emitted.json: $(O)/plan.json $(templates) pipeline/rendering/emit.py $(call source,emit)
+$(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
+  $(filter-out $(clear_templates) $(closure_templates),$(templates)) pipeline/rendering/emit.py $(call code,emit,$(geometry))
 	$(run) emit
-$(O)/runs/done.json: $(O)/pov/emitted.json pipeline/rendering/povray.py $(call source,render)
+$(O)/runs/done.json: $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(run) render
-$(O)/maps.json: $(O)/runs/done.json $(O)/inputs/gains.json $(call source,decompose)
+$(O)/maps.json: $(call beside,$(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
+  $(call code,decompose,$(geometry) physics)
 	$(run) decompose
-$(O)/foggy.png: $(O)/maps.json $(S)/photograph.json $(call source,composite)
+$(O)/foggy.png: $(call beside,$(O)/foggy.exr) $(O)/maps.json $(S)/photograph.json pipeline/physics/composition.py \
+  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,composite)
 	$(run) composite
-$(O)/report.html: $(O)/foggy.png pipeline/imaging/overlay.py templates/report.html \
-  $(wildcard $(SCENES)/$(scene)/report.html $(SCENES)/$(scene)/templates/report.html) $(call source,report)
+$(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.png $(S)/inputs/templates.json templates/report.html pipeline/imaging/overlay.py \
+  $(wildcard pipeline/imaging/display.py) $(call code,report,reporting)
 	$(run) report
 
 closure: $(O)/report.html
@@ -132,7 +194,9 @@ photos: $(READY)
 	$(run) photos
 
 photograph: setup
-	@$(PY) "$(SCENES)/$${FOG_SCENE:?name the scene: make photograph scene=bathroom}/model/render.py"
+	@[ -f $(SCENES)/$(scene)/model/render.py ] || \
+	  { echo "error: $(SCENES)/$(scene) has no model/render.py; its photograph was not rendered" >&2; exit 2; }
+	@$(PY) $(SCENES)/$(scene)/model/render.py
 
 schema: $(READY)
 	$(run) schema
@@ -140,8 +204,11 @@ schema: $(READY)
 plugins: $(READY)
 	$(run) plugins
 
+# only folders that hold resolved inputs: BUILD may hold a person's own files too
 clean:
-	@[ -n "$${FOG_SCENE}" ] && rm -rf -- "$(BUILD)/$${FOG_SCENE##*/}" || rm -rf -- "$(BUILD)"
+	@for inputs in $(BUILD)/$(or $(scene),*)$(if $(fog),/$(fog))/inputs; do \
+	  [ ! -d "$$inputs" ] || rm -rf -- "$${inputs%/inputs}"; done; \
+	rmdir -- $(BUILD) 2>/dev/null || true
 
 help:
 	@echo "targets"
@@ -153,7 +220,7 @@ help:
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
 	@echo "  make setup               only installs what is needed"
-	@echo "  make clean [scene=NAME]  removes build/ or build/NAME/"
+	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"

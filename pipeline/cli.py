@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.ownership import at_work
 from pipeline.paths import SCHEMA, Build
 
 STAGES = {
@@ -133,7 +134,8 @@ def _stage(build: Build, name: str, options) -> None:
     if name == "resolve":
         module.run(build, _overrides(options))
     else:
-        module.run(build)
+        with at_work(build):
+            module.run(build)
         from pipeline.scene.artefacts import write_json
 
         write_json(build.seconds / f"{name}.json", round(time.monotonic() - start, 3))

@@ -17,15 +17,15 @@ TEMPLATES = PROJECT / "templates"
 INCLUDES = PROJECT / "povray_includes"
 SCHEMA = "scene.schema.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure"}
 
 
 def checked_name(name: str, what: str) -> str:
     """A scene's or fog's name that cannot leave its folder."""
     if not NAME.fullmatch(name) or ".." in name or name in RESERVED:
         raise InputError(f"{what} name '{name}'", place="command line",
-                         remedy="use letters, digits, '_', '-' and '.', beginning with a letter or digit, without"
-                                f" slashes, and none of {', '.join(sorted(RESERVED))}")
+                         remedy="use letters, digits, '_', '-' and '.', beginning with a letter or digit,"
+                                f" without slashes, and none of {', '.join(sorted(RESERVED))}")
     return name
 
 
@@ -162,11 +162,12 @@ class Build:
 
 
 def inside(build: Build, name: str, stated_at: str | None = None) -> Path:
-    """A file of the scene's folder; a name that leads out of it is refused, as stated at `stated_at` [FILE:LINE]."""
+    """A file of the scene's folder; a name that leads out of it is refused, with `stated_at` [FILE:LINE]."""
     path = build.source / name
     try:
         path.resolve().relative_to(build.source.resolve())
     except ValueError:
-        raise InputError(f"'{name}' leads out of the scene's folder", place=stated_at or str(build.scene_file),
+        raise InputError(f"'{name}' leads out of the scene's folder",
+                         place=stated_at or str(build.scene_file),
                          remedy=f"put the file into {build.source}") from None
     return path

@@ -5,6 +5,6 @@
 << blocks.medium >>
 << blocks.shapes >>
 << blocks.lights >>
-<% if not run.shafts %>
+<% if run.scatters %>
 Fog_Scattering(Fog_Samples)
 <% endif %>

@@ -104,9 +104,14 @@ def tiny_scene(tmp_path, monkeypatch) -> TinyScene:
     for name in ("FOG_SCENE", "FOG_NAME", "FOG_OVERRIDES", "FOG_SCENES", "FOG_BUILD"):
         monkeypatch.delenv(name, raising=False)
     scene = TinyScene(tmp_path)
-    scene.folder.mkdir(parents=True)
-    scene.file.write_text(TINY)
+    write_tiny(scene.folder)
+    return scene
+
+
+def write_tiny(folder: Path) -> None:
+    """The scene file and its photograph."""
+    folder.mkdir(parents=True)
+    (folder / "scene.yaml").write_text(TINY)
     v, u = np.mgrid[0:18, 0:24]
     codes = np.stack([60 + 5 * u, 80 + 6 * v, np.full_like(u, 90)], -1).astype(np.uint8)
-    (scene.folder / "photograph.png").write_bytes(imagecodecs.png_encode(codes))
-    return scene
+    (folder / "photograph.png").write_bytes(imagecodecs.png_encode(codes))

@@ -27,7 +27,8 @@ def test_light_strengths(tmp_path, photograph, tolerance):
     lights = json.loads(build.illumination.read_text())["lights"]
     for name, truth in TRUTH["lights"].items():
         true = truth.get("radiance_photo_unit") or truth["irradiance_facing_sun_photo_unit_sr"]
-        assert np.abs(np.divide(lights[name]["strength"], true) - 1).max() <= tolerance, (name, lights[name], true)
+        error = np.abs(np.divide(lights[name]["strength"], true) - 1).max()
+        assert error <= tolerance, (name, lights[name], true)
     found = json.loads(build.sun_direction.read_text())["suns"]["sun"]
     # annotations are rounded to half a pixel
     assert found["status"] == "determined" and _angle(found["sun_direction"]) <= 1.0
@@ -35,7 +36,8 @@ def test_light_strengths(tmp_path, photograph, tolerance):
     assert abs(camera["focal_length_pixel"] / TRUTH["camera"]["focal_length_px"] - 1) < 0.02
     box = json.loads(build.geometry.read_text())["shapes"]["tub"]
     # half a pixel at 3 m is 5 mm; errors of the camera add to it
-    np.testing.assert_allclose(np.array(box["centre"]) - np.array(box["size"]) / 2, TRUTH["boxes"]["tub"]["min_m"], atol=0.03)
+    np.testing.assert_allclose(np.array(box["centre"]) - np.array(box["size"]) / 2,
+                               TRUTH["boxes"]["tub"]["min_m"], atol=0.03)
 
 
 def test_sun_direction_from_exact_and_from_noisy_annotations():

@@ -108,7 +108,7 @@ def test_the_sun_of_the_sunroom_is_determined(placed):
         return
     sun = suns["sun"]
     assert sun["status"] == "determined"
-    assert sun["openings"]["window"]["overlap"] > 0.9  # 2 pixels along the patch's outline of 700 are 5 % of it
+    assert sun["openings"]["window"]["overlap"] > 0.9  # 2 pixels round its outline are 5 %
     assert sun["confidence_degree"] < 2
     # the bars' shadows on the floor run 26 to 28 degrees from the x axis, and climb the wall at dy/dx = -0.84
     x, y, z = sun["sun_direction"]

@@ -19,6 +19,7 @@ from pipeline.errors import InputError
 from pipeline.geometry.camera import from_field_of_view
 from pipeline.geometry.planes import polygon_area
 from pipeline.geometry.raycast import first_hits
+from pipeline.imaging.display import display_exposure, displayed, tone_factor
 from pipeline.imaging.maps import write_map
 from pipeline.imaging.overlay import (
     COLOURS, LONG_SIDE, Canvas, cast_window, clip_polygon, clip_segment, overlay)
@@ -27,6 +28,9 @@ from pipeline.plugins.lights.area import Area
 from pipeline.plugins.lights.point import Point
 from pipeline.plugins.lights.sun import Sun
 from pipeline.plugins.shapes.room import Room
+from pipeline.reporting.facts import corner_fits, notices, sun_rows
+from pipeline.reporting.manifest import plain
+from pipeline.reporting.page import number, numbers
 from pipeline.scene.artefacts import read_json, read_placed, write_json
 from pipeline.stages import camera, geometry, photograph, report, resolve, sun_direction
 
@@ -238,7 +242,7 @@ def test_scene_may_bring_its_own_page_and_its_mistakes_are_one_line(tmp_path):
 
 
 def test_notices_gather_every_stage_and_ambiguity():
-    found = report.notices({
+    found = notices({
         "camera": {"messages": ["a"]}, "geometry": {"messages": ["b"]}, "facts": {"clipped_share": 0.5},
         "suns": {"sun": {"status": "ambiguous", "messages": ["c"]}},
         "illumination": {"messages": ["'p' and 'q' cannot be told apart"],
@@ -250,7 +254,7 @@ def test_notices_gather_every_stage_and_ambiguity():
 
 
 def test_sun_comes_from_the_left_and_above_when_it_travels_right_and_down():
-    row, = report.sun_rows({"sun": {"sun_direction": [0.5, -np.sqrt(0.5), 0.5]}})
+    row, = sun_rows({"sun": {"sun_direction": [0.5, -np.sqrt(0.5), 0.5]}})
     assert row["elevation"] == pytest.approx(45) and row["azimuth"] == pytest.approx(-45)
 
 
@@ -258,34 +262,34 @@ def test_sun_comes_from_the_left_and_above_when_it_travels_right_and_down():
     (None, "–"), (0, "0"), (1552.3, "1550"), (0.04786, "0.0479"), (-0.5, "−0.5"), (9.0, "9"), (np.inf, "∞"),
     (np.nan, "–"), (1.234e-7, "1.23e-07"), (2.5e9, "2.50e+09")])
 def test_numbers_as_a_person_writes_them(value, text):
-    assert report.number(value) == text
+    assert number(value) == text
 
 
 def test_numbers_of_equal_channels_are_one():
-    assert report.numbers([0.333, 0.333, 0.333]) == "0.333"
-    assert report.numbers([0.1, 0.2, 0.3]) == "0.1, 0.2, 0.3"
+    assert numbers([0.333, 0.333, 0.333]) == "0.333"
+    assert numbers([0.1, 0.2, 0.3]) == "0.1, 0.2, 0.3"
 
 
 def test_plain_leaves_only_json():
     value = {"a": np.float32(np.inf), "b": [np.nan, -np.inf, 1], "c": (np.array([0.5]),), 3: None, "d": True}
-    assert strict(json.dumps(report.plain(value))) == {
+    assert strict(json.dumps(plain(value))) == {
         "a": "infinity", "b": ["nan", "-infinity", 1], "c": [[0.5]], "3": None, "d": True}
 
 
 def test_display_of_values_that_are_no_numbers():
-    shown = report.displayed(np.array([[[np.nan, np.inf, -1.0]]], np.float32))
+    shown = displayed(np.array([[[np.nan, np.inf, -1.0]]], np.float32))
     assert shown.tolist() == [[[0, 255, 0]]]
 
 
 @pytest.mark.parametrize("level, factor", [(0.0, 1.0), (0.01, 100.0), (4.0, 0.25), (0.0301, 33.0)])
 def test_tone_factor_has_two_digits(level, factor):
-    assert report.tone_factor(np.full((4, 4, 3), level)) == factor
+    assert tone_factor(np.full((4, 4, 3), level)) == factor
 
 
 def test_exposure_only_of_float_photographs_far_from_white():
-    assert report.display_exposure(np.full((8, 8, 3), 0.8)) == 1
-    assert report.display_exposure(np.full((8, 8, 3), 50.0)) == pytest.approx(0.02)
-    assert report.display_exposure(np.zeros((8, 8, 3))) == 1
+    assert display_exposure(np.full((8, 8, 3), 0.8)) == 1
+    assert display_exposure(np.full((8, 8, 3), 50.0)) == pytest.approx(0.02)
+    assert display_exposure(np.zeros((8, 8, 3))) == 1
 
 
 # ---- clipping and drawing ----------------------------------------------------------------------
@@ -409,7 +413,7 @@ def test_scale_of_the_world_changes_nothing_drawn_but_the_axes_name():
 def test_corner_fits_pair_clicks_with_the_same_corner(tmp_path):
     build = made(tmp_path)
     scene = read_placed(build)
-    (clicked, fitted), = report.corner_fits({"tub": {"corners": {"front_left_top": [1, 2]}}}, scene)
+    (clicked, fitted), = corner_fits({"tub": {"corners": {"front_left_top": [1, 2]}}}, scene)
     assert clicked.tolist() == [1, 2]
     assert fitted == pytest.approx(scene.camera.project(np.array([0.65, 0.6, -1.8]))[0])
     assert read_json(build.geometry)["shapes"].keys() == scene.shapes.keys()

@@ -8,7 +8,8 @@ import pytest
 import shapely
 
 from pipeline.errors import InputError
-from pipeline.estimation.sun_direction import Opening, _View, estimate_sun_direction, perturbed
+from pipeline.estimation.sun_direction import Opening, estimate_sun_direction, perturbed
+from pipeline.estimation.sun_patches import View
 from pipeline.geometry.camera import Camera, rotation
 from pipeline.geometry.planes import Plane
 
@@ -281,7 +282,7 @@ def test_window_and_patch_partly_behind_the_camera():
 
 
 def test_overlap_is_finite_and_zero_beyond_reach():
-    view = _View(CAMERA, Opening("left", WINDOW, folded_patch(sun(25, 12), WINDOW)))
+    view = View(CAMERA, Opening("left", WINDOW, folded_patch(sun(25, 12), WINDOW)))
     rng = np.random.default_rng(6)
     directions = [unit(*v) for v in rng.normal(size=(300, 3))]
     special = [unit(1, 0, 0), unit(0, 0, 1), unit(0, -1, 0), unit(0, 1, 0), unit(1, -1e-12, 0),
@@ -290,7 +291,7 @@ def test_overlap_is_finite_and_zero_beyond_reach():
     assert np.isfinite(overlaps).all() and (overlaps >= 0).all() and (overlaps <= 1 + 1e-9).all()
     assert view.overlap(unit(-1, 0.5, 0)) == 0
     # Continuous as the cast recedes to infinity: no jump between just below and above the horizon.
-    floor_only = _View(CAMERA, OPENING)
+    floor_only = View(CAMERA, OPENING)
     assert floor_only.overlap(unit(1, -1e-6, 0.1)) < 1e-3 and floor_only.overlap(unit(1, 1e-6, 0.1)) == 0
 
 

@@ -13,7 +13,7 @@ from pipeline.imaging import fetch as fetching
 from pipeline.imaging.colour import srgb_to_linear
 from pipeline.imaging.maps import read_map, read_metadata
 from pipeline.imaging.photograph import read
-from pipeline.imaging.ultra_hdr import decode_ultra_hdr, read_ultra_hdr
+from pipeline.imaging.ultra_hdr import decode_ultra_hdr
 
 BASE, GAIN = (128, 64, 200), 128
 UNIFORM = np.ones((16, 32, 3), np.uint8)
@@ -96,11 +96,9 @@ def test_as_a_photograph_it_is_its_eight_bit_picture(tmp_path):
     (ultra_hdr('hdrgm:GainMapMax="bright"/>'), "hdrgm:GainMapMax = bright; give one finite number"),
     (ultra_hdr('hdrgm:GainMapMax="1" hdrgm:Gamma="0"/>'), "hdrgm:Gamma = 0;"),
     (ultra_hdr('hdrgm:GainMapMax="1" hdrgm:BaseRenditionIsHDR="True"/>'), "darkens an HDR picture")])
-def test_what_cannot_be_decoded_is_said(tmp_path, data, message):
-    (tmp_path / "p.jpg").write_bytes(data)
-    with pytest.raises(InputError, match=message) as caught:
-        read_ultra_hdr(tmp_path / "p.jpg")
-    assert str(caught.value).startswith(str(tmp_path / "p.jpg"))
+def test_what_cannot_be_decoded_is_said(data, message):
+    with pytest.raises(InputError, match=message):
+        decode_ultra_hdr(data)
 
 
 DESCRIPTION = """

@@ -32,7 +32,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.estimation.albedo import (
     DEFAULT_ALBEDO, HIGHEST_ALBEDO, LOWEST_ALBEDO, mean_albedo_per_surface)
-from pipeline.estimation.intensity_problem import MEASURED_SPREAD, set_up, starts
+from pipeline.estimation.intensity_problem import MEASURED_SPREAD, first_guesses, set_up
 from pipeline.estimation.intensity_solver import (
     intensity_covariance, pixels_per_segment, solve, with_default_scale, with_light_colour)
 from pipeline.estimation.observations import (
@@ -106,7 +106,7 @@ def estimate_intensities(
     problem, contribution, unit = set_up(small, usable, given, measured, at_least, messages)
     scale_source = problem.scale_source
     seen = contribution > 0
-    solution = solve(problem, starts(problem, start, contribution, unit))
+    solution = solve(problem, first_guesses(problem, start, contribution, unit))
     if scale_source == "default albedo 0.5":
         solution = with_default_scale(problem, solution)
     problem = with_light_colour(problem, solution)

@@ -13,7 +13,8 @@ from pipeline.estimation.observations import DARKEST
 
 SEGMENT_SPREAD = 0.6  # sd of a surface's log albedo: black rubber to white paint within two
 ANNOTATED_SPREAD = 0.01  # relative: an annotated albedo wins over what the surfaces suggest
-MEASURED_SPREAD = 0.004  # relative: an unclipped emitter pixel is the radiance, and wins over an annotated albedo
+# relative: an unclipped emitter pixel is the radiance, and wins over an annotated albedo
+MEASURED_SPREAD = 0.004
 # Neighbouring pixels share their errors: standard errors are taken from blocks of this side
 # (cluster-robust covariance).
 BLOCK_SIDE = 8
@@ -41,7 +42,11 @@ class Problem:
     scale_source: str
 
 
-def set_up(small, usable, given, measured, at_least, messages):
+def set_up(small, usable, given, measured, at_least, messages) -> tuple[Problem, np.ndarray, float]:
+    """The problem of the `usable` pixels (h, w), the mean of each light's basis (L,), and of the photograph.
+
+    The two means are the scaled units. What is left out is said in `messages`.
+    """
     photograph, lights = small.photograph, len(small.basis)
     unit = float(photograph[usable].mean())
     contribution = small.basis[:, usable].mean((1, 2))
@@ -137,7 +142,7 @@ def _annotations(small, usable, messages) -> tuple[np.ndarray, np.ndarray]:
     return np.array(masks).reshape(-1, *usable.shape).astype(bool), np.array(albedos, float).reshape(-1, 3)
 
 
-def starts(problem, start, contribution, unit) -> list[np.ndarray]:
+def first_guesses(problem, start, contribution, unit) -> list[np.ndarray]:
     """First guesses (L, 3): all lights alike, and the earlier round or linear NNLS at albedo 0.5."""
     if start is not None:
         other = np.asarray(start, float) * (np.where(contribution > 0, contribution, 0) / unit)[:, None]

@@ -17,13 +17,14 @@ DARKEST = 0.004  # of the photograph's 99th percentile: below it, 8-bit sRGB has
 class EstimationMaps:
     """What is known at each pixel.
 
-    photograph: (H, W, 3) linear. basis: (L, H, W, 3) irradiance/pi of each light at unit intensity.
+    photograph: (H, W, 3) linear. basis: (L, H, W, 3) irradiance/pi of each light at unit intensity; None
+    as long as nothing is rendered, since the lights may be rendered at the reduced size.
     surface: (H, W) int32 face index, -1 none. emitter: (H, W) int32 light index, -1 none.
     clipped: (H, W) bool. annotated: pairs of mask (H, W) bool and albedo (3,).
     """
 
     photograph: np.ndarray
-    basis: np.ndarray
+    basis: np.ndarray | None
     surface: np.ndarray
     emitter: np.ndarray
     clipped: np.ndarray
@@ -53,7 +54,7 @@ def reduce_for_estimation(maps: EstimationMaps, max_side: int = 160) -> Estimati
         emitter[mean(maps.emitter == light) > 0] = light
     return EstimationMaps(
         photograph=mean(maps.photograph).astype(float),
-        basis=np.stack([mean(of_light) for of_light in maps.basis]).astype(float),
+        basis=None if maps.basis is None else np.stack([mean(light) for light in maps.basis]).astype(float),
         surface=nearest(maps.surface),
         emitter=emitter,
         clipped=mean(maps.clipped) > 0,
@@ -62,6 +63,7 @@ def reduce_for_estimation(maps: EstimationMaps, max_side: int = 160) -> Estimati
 
 
 def check_input(maps, names, given, measured, at_least) -> None:
+    """Raises InputError for a person's mistakes, ValueError for maps that do not belong together."""
     shape = maps.surface.shape
     if not names:
         raise InputError("the scene has no lights", remedy="annotate at least one lamp, window or sun patch")

@@ -11,8 +11,7 @@ belongs on the floor.
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,37 +22,21 @@ _EXPORT = "export it again in fSpy with File > Export > Camera parameters as JSO
 _OURS_FROM_FSPY = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 
 
-def read_fspy(path: str | Path, *, up: Literal["y", "z"] = "z", camera_height: float | None = None) -> Camera:
-    """The camera in fSpy's JSON file, as `camera_from_fspy`; messages carry the file's name."""
-    try:
-        parameters = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", remedy="check the file's name", place=str(path)
-        ) from None
-    except (UnicodeDecodeError, json.JSONDecodeError):
-        raise InputError(
-            "is not JSON (an .fspy project is not either)", remedy=_EXPORT, place=str(path)
-        ) from None
-    try:
-        return camera_from_fspy(parameters, up=up, camera_height=camera_height)
-    except InputError as error:
-        raise error.at(str(path)) from None
-
-
 def camera_from_fspy(
-    parameters: dict, *, up: Literal["y", "z"] = "z", camera_height: float | None = None
+    exported: bytes | dict, *, up: Literal["y", "z"] = "z", camera_height: float | None = None
 ) -> Camera:
     """The camera of fSpy's exported parameters, in this project's axes.
 
-    up: fSpy's axis of the vertical lines. camera_height [m]: rescales the world so that the camera is
-    that high; None takes fSpy's unit as a metre (its reference distance must be set). The world is
-    turned by quarter turns about y until the camera looks within 45 degrees of -z.
-    Raises InputError for missing or contradictory parameters, a camera that is not upright, or one
-    that is not above the floor.
+    exported: the contents of the file, or what its JSON says. up: fSpy's axis of the vertical lines.
+    camera_height [m]: rescales the world so that the camera is that high; None takes fSpy's unit as a
+    metre (its reference distance must be set). The world is turned by quarter turns about y until the
+    camera looks within 45 degrees of -z.
+    Raises InputError for contents that are no JSON, missing or contradictory parameters, a camera that
+    is not upright, or one that is not above the floor.
     """
     if up not in _OURS_FROM_FSPY:
         raise InputError(f"fSpy up axis '{up}'", remedy="state y or z")
+    parameters = _parsed(exported) if isinstance(exported, bytes) else exported
     if not isinstance(parameters, dict):
         raise InputError("holds no fSpy camera", remedy=_EXPORT)
     width, height = (_number(parameters, key) for key in ("imageWidth", "imageHeight"))
@@ -106,6 +89,13 @@ def camera_from_fspy(
     return Camera(
         int(width), int(height), float(focal_length), principal_point, quarter @ turn, quarter @ position
     )
+
+
+def _parsed(exported: bytes) -> Any:
+    try:
+        return json.loads(exported.decode("utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError):
+        raise InputError("is not JSON (an .fspy project is not either)", remedy=_EXPORT) from None
 
 
 def _number(parameters: dict, key: str, within: str = "") -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import polygon_area_vector
 
 _BLOCK_VALUES = 4_000_000  # float64 values of scratch space at a time: 32 MB
@@ -37,24 +36,6 @@ def first_hits(
     for top in range(0, directions.shape[0], rows):
         block = slice(top, top + rows)
         depth[block], index[block] = scene.hits(directions[block])
-    return depth, index
-
-
-def camera_hits(camera: Camera, faces: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """`first_hits` of the rays through all pixel centres, which are made a few rows at a time.
-
-    A photograph of 50 megapixels needs 0.6 GB, the two results, where its directions alone take 1.2 GB.
-    """
-    depth = np.full((camera.height, camera.width), np.inf)
-    index = np.full((camera.height, camera.width), -1, np.int32)
-    scene = _Scene.around(np.asarray(camera.position, float), faces)
-    rows = scene.rows_at_once(camera.width)
-    for top in range(0, camera.height, rows):
-        u, v = np.meshgrid(
-            np.arange(camera.width) + 0.5, np.arange(top, min(top + rows, camera.height)) + 0.5
-        )
-        block = slice(top, top + rows)
-        depth[block], index[block] = scene.hits(camera.directions(np.stack([u, v], -1)))
     return depth, index
 
 

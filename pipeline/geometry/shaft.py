@@ -53,29 +53,6 @@ class Polyhedron:
         points = np.asarray(points, float)
         return np.all(points @ self.planes[:, :3].T <= self.planes[:, 3] + tolerance, -1)
 
-    def clip_rays(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances at which rays enter and leave, (...) each, in lengths of `directions`, (..., 3).
-
-        `origin`, (3,) or (..., 3), may lie inside: the entry is then 0. A ray that misses gets the
-        empty interval (0, 0), over which every integral vanishes without further masking.
-        """
-        origin, directions = np.asarray(origin, float), np.asarray(directions, float)
-        shape = np.broadcast_shapes(origin.shape, directions.shape)[:-1]
-        entry, leave = np.zeros(shape), np.full(shape, np.inf)
-        for *normal, offset in self.planes:
-            rate = np.broadcast_to(directions @ normal, shape)
-            ahead = offset - origin @ normal
-            # A rate near zero sends the crossing towards infinity with the right sign; only an
-            # exact zero, where 0/0 could arise, needs a rule: in or out for the whole ray.
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                crossing = ahead / rate
-            leave = np.where(rate > 0, np.minimum(leave, crossing), leave)
-            entry = np.where(rate < 0, np.maximum(entry, crossing), entry)
-            leave = np.where((rate == 0) & (ahead < 0), -np.inf, leave)
-        hit = leave > entry
-        return np.where(hit, entry, 0.0), np.where(hit, leave, 0.0)
-
-
 def planar_polygon(points: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """A checked world polygon, (m, 3) [m] in the given order, and its plane, (4,); messages call it `name`.
 

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera, centre_of
+from pipeline.geometry.camera_start import (
+    are_parallel, axis_label, draw_instead, focal_length_of, principal_point_of, rotation_of_one_axis,
+    upright)
 from pipeline.geometry.planes import AXES, Plane
-
-AXIS_WORDS = {"x": "left-right", "y": "vertical", "z": "front-back"}
-_PARALLEL = 0.1  # pixel: lines that a common direction fits this well have their vanishing point at infinity
 
 
 @dataclass(frozen=True)
@@ -102,37 +102,37 @@ def calibrate(
     if focal_length is not None and not (np.isfinite(focal_length) and focal_length > 0):
         raise InputError(f"focal length is {focal_length} px", remedy="give a length above 0 or leave it out")
     segments = _checked_lines(lines, one_is_enough=focal_length is not None)
-    points = {axis: vanishing_point(s, name=_label(axis)) for axis, s in segments.items() if len(s) > 1}
+    points = {axis: vanishing_point(s, name=axis_label(axis)) for axis, s in segments.items() if len(s) > 1}
     # normalised so that a point's three coordinates are of one magnitude
     frame = np.array(
         [[np.hypot(width, height), 0, width / 2], [0, np.hypot(width, height), height / 2], [0, 0, 1]]
     )
-    parallel = [axis for axis in points if _are_parallel(segments[axis])]
+    parallel = [axis for axis in points if are_parallel(segments[axis])]
 
     centre = centre_of(width, height)
     if estimate_centre:
-        centre = _orthocentre(points, parallel, frame)
+        centre = principal_point_of(points, parallel, frame)
     elif principal_point is not None:
         centre = np.asarray(principal_point, float)
     free_focal = focal_length is None
     if free_focal:
-        focal_length = _focal_from_pairs(points, parallel, frame, centre)
+        focal_length = focal_length_of(points, parallel, frame, centre)
 
     assumptions: list[str] = []
     if len(segments) == 1:
         axis = next(iter(segments))
-        camera_from_world = _from_one_axis(axis, points[axis], focal_length, centre, assumptions)
+        camera_from_world = rotation_of_one_axis(axis, points[axis], focal_length, centre, assumptions)
         deviation, centre_deviation = None, None
     else:
         camera_from_world, focal_length, centre, deviation, centre_deviation = _refine(
             segments, points, focal_length, centre, free_focal, estimate_centre
         )
-        camera_from_world = _upright(camera_from_world)
+        camera_from_world = upright(camera_from_world)
     if free_focal and not deviation < focal_length:
         raise InputError(
-            f"the lines along {' and '.join(map(_label, segments))} leave the focal length open"
+            f"the lines along {' and '.join(map(axis_label, segments))} leave the focal length open"
             f" ({focal_length:.0f} +- {deviation:.2g} px for clicks good to 1 px)",
-            remedy=_draw_instead(parallel, segments),
+            remedy=draw_instead(parallel, segments),
         )
 
     camera = Camera(
@@ -189,10 +189,6 @@ def scaled(camera: Camera, factor: float) -> Camera:
     )
 
 
-def _label(axis: str) -> str:
-    return f"'{axis}' ({AXIS_WORDS[axis]})"
-
-
 def _homogeneous(segments: np.ndarray) -> np.ndarray:
     return np.concatenate([segments, np.ones(segments.shape[:2] + (1,))], -1)
 
@@ -244,122 +240,10 @@ def _checked_lines(lines: dict, one_is_enough: bool) -> dict[str, np.ndarray]:
     # with a known focal length one axis needs two segments, another may add its share with one
     enough = one_is_enough and any(len(s) > 1 for s in lines.values())
     return {
-        axis: _checked_segments(lines[axis], f"lines along {_label(axis)}", 1 if enough else 2)
+        axis: _checked_segments(lines[axis], f"lines along {axis_label(axis)}", 1 if enough else 2)
         for axis in AXES
         if axis in lines
     }
-
-
-def _are_parallel(segments: np.ndarray) -> bool:
-    """Whether a common direction explains all segments to `_PARALLEL`."""
-    along = segments[:, 1] - segments[:, 0]
-    _, _, directions = np.linalg.svd(along)
-    return bool(np.abs(along @ directions[1]).max() / 2 < _PARALLEL)
-
-
-def _draw_instead(parallel: list[str], drawn: dict) -> str:
-    missing = [axis for axis in AXES if axis not in drawn]
-    if parallel:
-        return (
-            f"{' and '.join(map(_label, parallel))} run parallel in the photograph: draw lines along"
-            f" {' or '.join(map(_label, missing)) or 'edges'} that visibly converge, or give a focal length"
-            " or field of view"
-        )
-    return "draw longer segments that converge more visibly, or give a focal length or field of view"
-
-
-def _focal_from_pairs(points: dict, parallel: list[str], frame: np.ndarray, centre: np.ndarray) -> float:
-    """Focal length [pixel] from the right angles between axes: (v_i - c).(v_j - c) + f^2 w_i w_j = 0."""
-    if len(points) < 2:
-        axis = next(iter(points))
-        raise InputError(
-            f"lines along {_label(axis)} alone leave the focal length open",
-            remedy="draw lines along a second axis too, or give a focal length or field of view",
-        )
-    usable = [axis for axis in points if axis not in parallel]
-    if len(usable) < 2:
-        raise InputError(
-            f"lines along {' and '.join(map(_label, parallel))} are parallel in the photograph, so the"
-            " focal length stays open",
-            remedy=_draw_instead(parallel, points),
-        )
-    normalised = {axis: np.linalg.solve(frame, points[axis]) for axis in usable}
-    middle = np.linalg.solve(frame, np.r_[centre, 1])[:2]
-    products, weights, pairs = [], [], []
-    for i, first in enumerate(usable):
-        for second in usable[i + 1 :]:
-            v, w = (p / np.linalg.norm(p) for p in (normalised[first], normalised[second]))
-            products.append((v[:2] - middle * v[2]) @ (w[:2] - middle * w[2]))
-            weights.append(v[2] * w[2])
-            pairs.append((first, second))
-    square = -np.dot(weights, products) / np.dot(weights, weights)
-    if not square > 0:
-        first, second = pairs[int(np.argmax(np.multiply(weights, products)))]
-        raise InputError(
-            f"lines along {_label(first)} and {_label(second)} cannot be at right angles from any camera:"
-            " their vanishing points lie on the same side of the principal point",
-            remedy="check that each line is drawn along the axis it is named for, draw longer"
-            " segments, or give a focal length or field of view",
-        )
-    return float(np.sqrt(square)) * frame[0, 0]
-
-
-def _orthocentre(points: dict, parallel: list[str], frame: np.ndarray) -> np.ndarray:
-    """Principal point [pixel]: where the altitudes of the triangle of vanishing points meet."""
-    if len(points) < 3 or parallel:
-        missing = [axis for axis in AXES if axis not in points] or parallel
-        raise InputError(
-            "estimating the principal point needs lines that converge along all three axes;"
-            f" {' and '.join(map(_label, missing))} {'are' if len(missing) > 1 else 'is'}"
-            f" {'parallel in the photograph' if missing == parallel else 'missing'}",
-            remedy="draw them, or leave the principal point out",
-        )
-    x, y, z = (point[:2] / point[2] for point in (np.linalg.solve(frame, points[axis]) for axis in AXES))
-    altitudes = np.array([y - z, z - x, x - y])
-    altitudes /= np.linalg.norm(altitudes, axis=1, keepdims=True)
-    found = np.linalg.lstsq(altitudes, np.einsum("ij,ij->i", altitudes, [x, y, z]), rcond=None)[0]
-    return (frame @ np.r_[found, 1])[:2]
-
-
-def _from_one_axis(
-    axis: str, point: np.ndarray, focal_length: float, centre: np.ndarray, assumptions: list[str]
-) -> np.ndarray:
-    """camera_from_world (3, 3) from one vanishing point: no roll, or for vertical lines no yaw."""
-    along = np.r_[(point[:2] - centre * point[2]) / focal_length, point[2]]
-    along /= np.linalg.norm(along)
-    draw = "draw lines along " + " or ".join(_label(other) for other in AXES if other != axis)
-    if axis == "y":
-        assumptions.append("yaw 0: vertical lines do not tell it")
-        y = along if along[1] < 0 else -along
-        x = np.cross(y, [0, 0, -1.0])  # without yaw it lies across the vertical plane of the view
-        if np.linalg.norm(x) < 1e-6:
-            raise InputError(
-                f"lines along {_label(axis)} meet at the principal point: the camera looks straight up or"
-                " down, and which way round stays open",
-                remedy=draw,
-            )
-        x /= np.linalg.norm(x)
-        return _upright(np.stack([x, y, np.cross(x, y)], 1))
-    assumptions.append(f"roll 0: one vanishing point, {_label(axis)}, does not tell it")
-    y = np.cross([1.0, 0, 0], along)  # without roll it lies across the photograph's rows
-    if np.linalg.norm(y) < 1e-6:
-        raise InputError(
-            f"lines along {_label(axis)} are level and parallel to the photograph, so the camera's"
-            " pitch stays open",
-            remedy=draw,
-        )
-    y /= np.linalg.norm(y)
-    x, z = (along, np.cross(along, y)) if axis == "x" else (np.cross(y, along), along)
-    return _upright(np.stack([x, y, z], 1))
-
-
-def _upright(camera_from_world: np.ndarray) -> np.ndarray:
-    """The same axes with y up in the photograph, x to the right, z to the viewer, determinant +1."""
-    x, y, z = camera_from_world.T
-    y = y if y[1] < 0 else -y
-    # right-handed either way: x and z change sign together
-    x, z = (x, np.cross(x, y)) if x[0] - np.cross(x, y)[2] > 0 else (-x, np.cross(-x, y))
-    return np.stack([x, y, z], 1)
 
 
 def _refine(segments, points, focal_length, centre, free_focal: bool, free_centre: bool):
@@ -426,7 +310,7 @@ def _warnings(
         axis = max(residuals, key=lambda a: residuals[a].max())
         warnings.append(
             f"the lines miss a common camera by {rms:.1f} px RMS (over 0.3 % of the diagonal); segment"
-            f" {int(residuals[axis].argmax()) + 1} along {_label(axis)} is off by"
+            f" {int(residuals[axis].argmax()) + 1} along {axis_label(axis)} is off by"
             f" {residuals[axis].max():.1f} px"
         )
     if deviation is not None and deviation > 0.1 * camera.focal_length:

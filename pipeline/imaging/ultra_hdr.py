@@ -9,9 +9,7 @@ decoders return half floats by way of tables.
 
 from __future__ import annotations
 
-import os
 import re
-from pathlib import Path
 
 import cv2
 import imagecodecs
@@ -47,17 +45,6 @@ def decode_ultra_hdr(data: bytes) -> np.ndarray:
     log2_gain = low + (high - low) * gain ** (1 / parameters["Gamma"])
     radiance = (linear + parameters["OffsetSDR"]) * np.exp2(log2_gain) - parameters["OffsetHDR"]
     return np.ascontiguousarray(radiance, np.float32)
-
-
-def read_ultra_hdr(path: str | os.PathLike) -> np.ndarray:
-    """`decode_ultra_hdr` of the file at `path`."""
-    try:
-        return decode_ultra_hdr(Path(path).read_bytes())
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", remedy="check the path",
-                         place=str(path)) from error
-    except InputError as error:
-        raise error.at(str(path)) from None
 
 
 def _split(data: bytes) -> tuple[bytes, bytes, dict[str, np.ndarray]]:

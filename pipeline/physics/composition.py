@@ -9,11 +9,13 @@ import numpy as np
 #: Share of a light that counts as indirect where nothing says how much there is: enough to keep T
 #: finite and continuous in full shadow, too little to be seen where a light arrives directly.
 INDIRECT_SHARE = 1e-3
+#: Linear; 8-bit code 217. What JPEG rings around a burnt-out edge stays above it.
+NEAR_WHITE = 0.7
 
 
 def combined_transmittance(
-    eye: np.ndarray, clear: Sequence[np.ndarray], reduced: Sequence[np.ndarray], indirect: Sequence[np.ndarray],
-    indirect_reduced: Sequence[np.ndarray], strengths: Sequence[np.ndarray],
+    eye: np.ndarray, clear: Sequence[np.ndarray], reduced: Sequence[np.ndarray],
+    indirect: Sequence[np.ndarray], indirect_reduced: Sequence[np.ndarray], strengths: Sequence[np.ndarray],
 ) -> np.ndarray:
     """Share of the photograph's radiance that survives from the lights by way of the surface to the eye.
 
@@ -37,15 +39,18 @@ def composite(radiance: np.ndarray, transmittance: np.ndarray, in_scattering: np
     return radiance * transmittance + in_scattering
 
 
-def with_restored_lamps(radiance: np.ndarray, clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.ndarray]
-                        ) -> np.ndarray:
+def with_restored_lamps(radiance: np.ndarray, clipped: np.ndarray, emitter: np.ndarray,
+                        strengths: dict[int, np.ndarray]) -> np.ndarray:
     """The photograph with the estimated radiance where it shows a lamp burnt out, (H, W, 3).
 
-    A clipped pixel is as bright as white; dimmed by fog it would turn into a grey hole in the middle of its own
-    glow. clipped: (H, W). emitter: (H, W) index of the light seen, -1 none. strengths: radiance (3,) by index.
+    A clipped pixel is as bright as white; dimmed by fog it would turn into a grey hole in the middle of its
+    own glow. clipped: (H, W). emitter: (H, W) index of the light seen, -1 none. strengths: radiance (3,) by
+    index. A lamp is restored where it is mostly clipped; what else is near white in it is JPEG's ringing.
     """
     restored = np.array(radiance, float)
+    near_white = clipped | (restored.min(-1) > NEAR_WHITE)
     for index, strength in strengths.items():
-        shown = clipped & (emitter == index)
-        restored[shown] = np.maximum(restored[shown], strength)
+        lamp = emitter == index
+        if lamp.any() and clipped[lamp].mean() > 0.5:
+            restored[lamp & near_white] = np.maximum(restored[lamp & near_white], strength)
     return restored

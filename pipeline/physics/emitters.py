@@ -12,8 +12,9 @@ def polygon_cells(polygon: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarr
     """Centroids (n, 3) [m] and areas (n,) [m^2] of a polygon cut into about count^2 cells.
 
     The grid follows the polygon's smallest bounding rectangle and its cells are as square as their
-    number allows, for a cell's error grows with its longer side; cells outside the polygon are left out. POV-Ray's own `area_light` softens shadows only
-    (its fading, cone and scattering are those of the centre), hence explicit sub-lights.
+    number allows, for a cell's error grows with its longer side; cells outside the polygon are left out.
+    POV-Ray's own `area_light` softens shadows only (its fading, cone and scattering are those of the
+    centre), hence explicit sub-lights.
     """
     edge = polygon[1] - polygon[0]
     along = edge / np.linalg.norm(edge)

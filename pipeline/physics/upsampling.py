@@ -27,7 +27,8 @@ def upsample(values: np.ndarray, coarse_depth: np.ndarray, depth: np.ndarray) ->
             at = np.ix_(np.minimum(y0 + dy, rows - 1), np.minimum(x0 + dx, columns - 1))
             off = np.abs(coarse_depth[at] - depth) / (DEPTH_TOLERANCE * depth)
             # never quite 0, so that the likest neighbour stands where none agrees
-            weight = np.abs(1 - dy - fy) * np.abs(1 - dx - fx) * np.exp(-np.minimum(off**2, 300.0)) + 1e-140 / (1 + off)
+            alike = np.exp(-np.minimum(off**2, 300.0))
+            weight = np.abs(1 - dy - fy) * np.abs(1 - dx - fx) * alike + 1e-140 / (1 + off)
             total += weight[..., None] * values[at]
             weights[..., 0] += weight
     return total / weights

@@ -23,7 +23,8 @@ class Outline(Model):
     on: str | None = parameter(None, description="plane it lies on, as SHAPE.FACE, for example room.ceiling")
     pixels: Annotated[list[Pixel], Field(min_length=3, max_length=MAX_VERTICES)] | None = parameter(
         None, "pixel", description="corners in the photograph, in order round the outline")
-    offset: Finite = parameter(0.0, "m", description="towards the camera, off the plane: a lamp that hangs below a ceiling")
+    offset: Finite = parameter(
+        0.0, "m", description="towards the camera, off the plane: a lamp that hangs below a ceiling")
     points: Annotated[list[Vector], Field(min_length=3, max_length=MAX_VERTICES)] | None = parameter(
         None, "m", description="corners in the world, instead of `on` and `pixels`")
 
@@ -33,7 +34,8 @@ class Outline(Model):
             raise mistake("both 'pixels' and 'points' are there" if self.points else "no corners",
                           "give either 'on' and 'pixels', or 'points' in metres")
         if (self.pixels is None) != (self.on is None):
-            raise mistake("'on' and 'pixels' go together", "give " + ("'on', the plane" if self.on is None else "'pixels'"))
+            raise mistake("'on' and 'pixels' go together",
+                          "give " + ("'on', the plane" if self.on is None else "'pixels'"))
         return self
 
     def placed(self, name: str, world: World) -> "Outline":

@@ -38,8 +38,9 @@ def parameter(default: Any = ..., unit: str = "", **constraints):
 
 
 def mistake(problem: str, remedy: str, at: tuple = ()) -> PydanticCustomError:
-    """What a validator raises about a scene: said in one line, with the line of the key `at` below its model."""
-    return PydanticCustomError("mistake", "{problem}; {remedy}", {"problem": problem, "remedy": remedy, "at": at})
+    """What a validator raises about a scene; it is said with the line of the key `at` below its model."""
+    return PydanticCustomError(
+        "mistake", "{problem}; {remedy}", {"problem": problem, "remedy": remedy, "at": at})
 
 
 def _unit_length(v: list[float]) -> list[float]:
@@ -50,11 +51,14 @@ def _unit_length(v: list[float]) -> list[float]:
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Colour = Annotated[list[Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+Colour = Annotated[list[Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]],
+                   Field(min_length=3, max_length=3)]
 Reflectance = Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=3, max_length=3)]
-Vector = Annotated[list[Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+Vector = Annotated[list[Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]],
+                   Field(min_length=3, max_length=3)]
 Direction = Annotated[Vector, AfterValidator(_unit_length)]
-Pixel = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]], Field(min_length=2, max_length=2)]
+Pixel = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]],
+                  Field(min_length=2, max_length=2)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 
 
@@ -69,7 +73,8 @@ class Model(BaseModel):
         for key in data if isinstance(data, dict) else ():
             if key not in cls.model_fields:
                 known = list(cls.model_fields)
-                raise mistake("unknown key", f"use one of {', '.join(known)}" + nearest(str(key), known), at=(key,))
+                raise mistake("unknown key", f"use one of {', '.join(known)}" + nearest(str(key), known),
+                              at=(key,))
         return data
 
 
@@ -115,7 +120,8 @@ class World:
         except KeyError:
             raise InputError(
                 f"{asked_by} lies on '{name}', which no shape before it has",
-                remedy=f"use one of {', '.join(sorted(self.planes)) or '(none yet)'}" + nearest(name, list(self.planes)),
+                remedy=f"use one of {', '.join(sorted(self.planes)) or '(none yet)'}"
+                + nearest(name, list(self.planes)),
             ) from None
 
 
@@ -157,6 +163,8 @@ class Light(Plugin):
 
     kind: ClassVar[str] = "lights"
     strength_name: ClassVar[str]
+    #: Whether POV-Ray renders it; a light that is not has `in_scattering` in closed form.
+    rendered: ClassVar[bool] = True
     gain: float = parameter(1.0, "1", ge=0, le=1e6, allow_inf_nan=False,
                             description="relights the fog: scales this light after estimation")
 
@@ -175,8 +183,13 @@ class Light(Plugin):
         """POV-Ray lights that it is stated as; what a render costs grows with it."""
         return 1
 
+    def in_scattering(self, scattering: np.ndarray, extinction: np.ndarray,
+                      optical_depth: np.ndarray) -> np.ndarray:
+        """V (..., 3) at unit strength of a light without renders, by coefficients (3,) and tau (..., 3)."""
+        raise NotImplementedError(type(self).__name__)
+
     def entry_path(self, points: np.ndarray) -> np.ndarray:
-        """Path [m] through the fog that the transmittance render leaves out, (...), to directly lit points."""
+        """Path [m], (...), through fog to directly lit points, as the transmittance render leaves it out."""
         return np.zeros(np.shape(points)[:-1])
 
     def incident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

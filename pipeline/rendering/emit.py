@@ -71,7 +71,8 @@ class Templates:
         self.plugin_folders: dict[str, Path] = {}
         self.environment = SandboxedEnvironment(
             loader=jinja2.FunctionLoader(self._load), undefined=jinja2.StrictUndefined, autoescape=False,
-            block_start_string="<%", block_end_string="%>", variable_start_string="<<", variable_end_string=">>",
+            block_start_string="<%", block_end_string="%>", variable_start_string="<<",
+            variable_end_string=">>",
             comment_start_string="<#", comment_end_string="#>", trim_blocks=True, lstrip_blocks=True,
             keep_trailing_newline=True)
         self.environment.filters["vector"] = _vector
@@ -101,7 +102,8 @@ class Templates:
             return self.environment.get_template(name).render(context)
         except jinja2.TemplateSyntaxError as error:
             # the marker is line 1 of what Jinja read
-            raise InputError(f"template does not parse ({error.message})", place=f"{error.filename}:{error.lineno - 1}",
+            raise InputError(f"template does not parse ({error.message})",
+                             place=f"{error.filename}:{error.lineno - 1}",
                              remedy="mend this line") from None
         except jinja2.TemplateNotFound as error:
             raise InputError(f"no template '{error.name}'", place=_template_place(error) or name,
@@ -112,7 +114,8 @@ class Templates:
             place = _template_place(error)
             if place is None:
                 raise
-            raise InputError(f"template fails ({error})", place=place, remedy="use the values that are there") from None
+            raise InputError(f"template fails ({error})", place=place,
+                             remedy="use the values that are there") from None
 
     def of_plugin(self, plugin: Plugin, context: dict[str, Any]) -> str:
         self.plugin_folders[plugin.template_name()] = plugin.template_folder()
@@ -127,8 +130,11 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
     if (run.width, run.height) != (camera.width, camera.height):
         camera = camera.resized(run.width, run.height)
     shafts = any(isinstance(scene.lights[name], Sun) for name in run.lights)
-    facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width, "height": run.height,
-             "exposure": run.exposure, "samples": run.samples, "shafts": shafts, **run.options}
+    facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width,
+             "height": run.height,
+             "exposure": run.exposure, "samples": run.samples, "shafts": shafts,
+             "scatters": not shafts and all(scene.lights[name].rendered for name in run.lights),
+             **run.options}
     context: dict[str, Any] = {"run": facts, "channels": []}
     backdrop = 2 * extent
     blocks = {"medium": ""}
@@ -161,7 +167,8 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         **context, "blocks": blocks, "albedos": albedos or [],
         "metre": 10.0 ** np.floor(1.5 - np.log10(extent)), "extent": 4 * extent, "backdrop": backdrop,
         "camera": {
-            "position": camera.position, "right": camera.world_from_camera[:, 0], "down": camera.world_from_camera[:, 1],
+            "position": camera.position, "right": camera.world_from_camera[:, 0],
+            "down": camera.world_from_camera[:, 1],
             "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
             "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from functools import cache
@@ -24,8 +26,12 @@ from pipeline.imaging.maps import read_map
 #: that its settings permit, but neither includes nor what #fopen writes (measured with 3.7.0.10).
 FILE_ACCESS = re.compile(r"\b(fopen|save_file|Parse_String|include)\b")
 #: Parts of POV-Ray's library that open no files.
-LIBRARY = re.compile(r'#\s*include\s*"(colors|consts|finish|functions|glass|golds|math|metals|rand|skies|stones|textures'
-                     r'|transforms|woods)\.inc"')
+LIBRARY = re.compile(r'#\s*include\s*"(colors|consts|finish|functions|glass|golds|math|metals|rand|skies'
+                     r'|stones|textures|transforms|woods)\.inc"')
+
+#: On Linux a render ends with this process even where that is killed outright (prctl(2)).
+LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+PR_SET_PDEATHSIG = 1
 
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
 
@@ -71,8 +77,9 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
         partial = Path(folder) / "image.exr"
         home = _confined_home(Path(folder), pov)
         # POV-Ray changes into the file's folder itself; absolute names keep it independent of ours
-        command = [program(), f"+I{pov.resolve()}", f"+O{partial.resolve()}", "+FE", f"+W{width}", f"+H{height}",
-                   "-A", "-D", "-P", "-C", *([f"+WT{threads}"] if threads else [])]
+        command = [program(), f"+I{pov.resolve()}", f"+O{partial.resolve()}", "+FE",
+                   f"+W{width}", f"+H{height}", "-A", "-D", "-P", "-C",
+                   *([f"+WT{threads}"] if threads else [])]
         log = _run(command, home, pov, image, timeout)
         with replacing(image.with_suffix(".log")) as name:
             name.write_text("command: " + " ".join(command) + "\n" + log)
@@ -82,7 +89,8 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
             raise InputError(f"POV-Ray wrote no readable picture for {pov.name}", place=str(pov),
                              remedy=f"see {image.with_suffix('.log')}; is the disk full?") from error
         if not np.isfinite(pixels).all():
-            raise InputError(f"{int((~np.isfinite(pixels)).sum())} values of the render are not finite", place=str(pov),
+            raise InputError(f"{int((~np.isfinite(pixels)).sum())} values of the render are not finite",
+                             place=str(pov),
                              remedy="bound every ray (Fog_Backdrop) and check densities and light sizes")
         if pixels.shape[:2] != (height, width):
             raise InputError(f"render has {pixels.shape[1]}x{pixels.shape[0]} pixels, not {width}x{height}",
@@ -95,21 +103,24 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
 
 
 def _refuse_file_access(text: str, pov: Path) -> None:
-    """Scenes are passed on, templates and all: they may not read or overwrite files of the person who renders them."""
+    """Scenes are passed on, templates and all: they may not read or overwrite a person's files."""
     # in comments too: POV-Ray nests them, and a parser that saw them differently could be led past
     found = FILE_ACCESS.search(LIBRARY.sub(lambda m: " " * len(m.group()), text))
     if found:
         line = text.count("\n", 0, found.start()) + 1
-        raise InputError(f"'{found.group()}' lets the scene open files", remedy="write the contents into the template,"
-                         " or use <% include %>; of POV-Ray's library, #include \"colors.inc\" and the like are allowed",
+        raise InputError(f"'{found.group()}' lets the scene open files",
+                         remedy="write the contents into the template, or use <% include %>; of POV-Ray's"
+                         " library, #include \"colors.inc\" and the like are allowed",
                          place=template_place(text.splitlines(), line) or f"{pov}:{line}")
 
 
 def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float) -> str:
     environment = {**os.environ, "HOME": str(home)}
     environment.pop("DISPLAY", None)
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                               env=environment, cwd=home, start_new_session=True, text=True, errors="replace")
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                               stderr=subprocess.STDOUT,
+                               env=environment, cwd=home, start_new_session=True, text=True, errors="replace",
+                               preexec_fn=_end_with_us if LIBC else None)
     try:
         log, _ = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
@@ -127,8 +138,13 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
     if process.returncode < 0 or process.returncode > 128:
         number = -process.returncode if process.returncode < 0 else process.returncode - 128
         raise InputError(f"POV-Ray was ended by signal {signal.Signals(number).name}", place=str(pov),
-                         remedy=f"a crash at the very end is a known fault of function densities at scene level; see {log_file}")
+                         remedy="a crash at the very end is a known fault of function densities at scene"
+                                f" level; see {log_file}")
     raise _explained(log, pov, log_file)
+
+
+def _end_with_us() -> None:
+    LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _kill(process: subprocess.Popen) -> None:
@@ -145,11 +161,13 @@ def _explained(log: str, pov: Path, log_file: Path) -> InputError:
     see = f"see {log_file}, which begins with the command"
     if not match:
         lines = [line for line in log.splitlines() if "error" in line.lower()] or log.splitlines()[-1:]
-        return InputError(f"POV-Ray failed: {lines[0] if lines else 'it said nothing'}", place=str(pov), remedy=see)
+        return InputError(f"POV-Ray failed: {lines[0] if lines else 'it said nothing'}", place=str(pov),
+                          remedy=see)
     line, message = int(match.group(2)), match.group(3)
     message = re.sub(r"\s+", " ", message).removeprefix("Parse Error: ").partition(" Fatal error")[0].strip()
     emitted = pov.read_text(errors="replace").splitlines()
-    return InputError(f"POV-Ray: {message} ({pov}:{line})", place=template_place(emitted, line) or f"{pov}:{line}",
+    return InputError(f"POV-Ray: {message} ({pov}:{line})",
+                      place=template_place(emitted, line) or f"{pov}:{line}",
                       remedy=f"mend this line of the template; {see}")
 
 
@@ -174,7 +192,7 @@ def template_place(emitted: list[str], line: int) -> str | None:
 
 
 def _confined_home(folder: Path, pov: Path) -> Path:
-    """A home whose POV-Ray configuration keeps pictures to their folder, and no settings of the person's own."""
+    """A home whose POV-Ray configuration keeps pictures to their folder; the person's own stays out."""
     settings = folder / ".povray" / "3.7"
     settings.mkdir(parents=True)
     (settings / "povray.conf").write_text(

@@ -27,8 +27,8 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
                _exposure(_irradiance(scene, light, points) / np.pi))
 
 
-def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int, in_scattering_size: int | None
-             ) -> list[Run]:
+def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
+             in_scattering_size: int | None) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
@@ -44,6 +44,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     dense = int(np.ceil(deepest / LARGEST_OPTICAL_STEP))
     for light in lights:
         one = scene.lights[light]
+        if not one.rendered:
+            continue
         irradiance = _irradiance(scene, light, points)
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * one.incident(points)[1])
         runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level)))

@@ -106,7 +106,7 @@ def read_placed(build: Build) -> PlacedScene:
 
 
 def read_strengths(build: Build) -> dict[str, np.ndarray]:
-    """Strength (3,) of every light, in its own unit, as the fog sees it: estimated or given, times its gain."""
+    """Strength (3,) of every light, in its own unit, as the fog sees it: estimated or given, times gain."""
     gains = read_json(build.input("gains"))
     return {name: np.multiply(light["strength"], gains[name])
             for name, light in read_json(build.illumination)["lights"].items()}

@@ -173,8 +173,10 @@ def _values(node: Node, where: Keys, path: Path, lines: dict[Keys, int], seen: s
     for key, item in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, ScalarNode) or key.tag not in PLAIN_TAGS:
-            said = f"'{key.value}' is not a plain name" if isinstance(key, ScalarNode) else "a group as a name"
-            raise InputError(said, place=f"{path}:{line}", remedy="name values by words, and write merged ones out")
+            is_word = isinstance(key, ScalarNode)
+            said = f"'{key.value}' is not a plain name" if is_word else "a group as a name"
+            raise InputError(said, place=f"{path}:{line}",
+                             remedy="name values by words, and write merged ones out")
         if key.value in group:
             raise InputError(f"'{key.value}' is stated twice, first in line {lines[(*where, key.value)]}",
                              place=f"{path}:{line}", remedy="keep one of the two")

@@ -7,6 +7,7 @@ from pydantic import Field, StringConstraints, model_validator
 from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, mistake, parameter
 from pipeline.plugins.choices import choice
 
+Axis = Literal["x", "y", "z"]
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Segment = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 
@@ -16,8 +17,10 @@ class PhotographFile(Model):
 
     file: FileName = parameter(description="in the scene's folder; JPEG, PNG, TIFF, EXR or HDR")
     colour_space: Literal["auto", "srgb", "linear", "display_p3", "adobe_rgb"] = parameter(
-        "auto", description="auto: an embedded ICC profile, else sRGB for integer files and linear for float files")
-    max_megapixels: float = parameter(100.0, "megapixel", gt=0, le=2000, description="larger files are refused")
+        "auto",
+        description="auto: an embedded ICC profile, else sRGB for integer files and linear for float files")
+    max_megapixels: float = parameter(100.0, "megapixel", gt=0, le=2000,
+                                      description="larger files are refused")
 
 
 class KnownLength(Model):
@@ -31,15 +34,18 @@ class KnownLength(Model):
 class CameraDescription(Model):
     """The camera: by lines along the room's edges, by angles, by fSpy, or directly in the world."""
 
-    lines: dict[Literal["x", "y", "z"], Annotated[list[Segment], Field(min_length=1, max_length=100)]] | None = parameter(
-        None, "pixel", description="segments along edges that run left-right (x), vertically (y), front-back (z)")
+    lines: dict[Axis, Annotated[list[Segment], Field(min_length=1, max_length=100)]] | None = parameter(
+        None, "pixel",
+        description="segments along edges that run left-right (x), vertically (y), front-back (z)")
     fspy: FileName | None = parameter(None, description="JSON exported by fSpy, in the scene's folder")
     horizontal_field_of_view: float | None = parameter(None, "degree", gt=0.1, lt=179)
-    focal_length_35mm: float | None = parameter(None, "mm", gt=1, le=10000, description="35 mm equivalent; EXIF's when left out")
+    focal_length_35mm: float | None = parameter(None, "mm", gt=1, le=10000,
+                                                description="35 mm equivalent; EXIF's when left out")
     yaw: Finite | None = parameter(None, "degree", description="to the right of looking along -z")
     pitch: Finite | None = parameter(None, "degree", description="upwards")
     roll: Finite | None = parameter(None, "degree", description="clockwise")
-    principal_point: Pixel | Literal["estimate"] | None = parameter(None, "pixel", description="the centre when left out")
+    principal_point: Pixel | Literal["estimate"] | None = parameter(
+        None, "pixel", description="the centre when left out")
     height: float | None = parameter(None, "m", gt=0, le=1e6, description="of the camera above the floor")
     known_length: KnownLength | None = None
     position: Vector | None = parameter(None, "m", description="with `look_at`: the camera in the world")
@@ -50,29 +56,38 @@ class CameraDescription(Model):
         if (self.position is None) != (self.look_at is None):
             raise mistake("only one of 'position' and 'look_at' is there", "give both")
         if self.position is None and (self.height is None) == (self.known_length is None):
-            raise mistake("no scale" if self.height is None else "both 'height' and 'known_length' set the scale",
+            both = "both 'height' and 'known_length' set the scale"
+            raise mistake("no scale" if self.height is None else both,
                           "give one of 'height' [m] and 'known_length'")
-        if self.position is not None and (self.height, self.known_length, self.yaw, self.pitch) != (None,) * 4:
-            raise mistake("'position' and 'look_at' already say what 'height', 'known_length', 'yaw' or 'pitch' do",
-                          "leave those out, or 'position' and 'look_at'")
+        told = self.height, self.known_length, self.yaw, self.pitch
+        if self.position is not None and any(value is not None for value in told):
+            raise mistake("'position' and 'look_at' already say what 'height', 'known_length', 'yaw' or"
+                          " 'pitch' do", "leave those out, or 'position' and 'look_at'")
         if self.fspy and self.lines:
             raise mistake("both 'fspy' and 'lines' tell the camera", "keep one of them")
         if self.position is not None and (self.lines or self.fspy):
             raise mistake("'position' and 'look_at' contradict 'lines' or 'fspy'",
-                          "leave out 'lines' and 'fspy', or give 'height' instead of 'position' and 'look_at'")
+                          "leave out 'lines' and 'fspy', or give 'height' instead of 'position' and"
+                          " 'look_at'")
         return self
 
 
 class RenderSettings(Model):
     """How finely the maps are rendered."""
 
-    samples: int = parameter(24, "1", ge=1, le=10000, description="points along each ray where fog is lit; more for dense fog")
+    samples: int = parameter(24, "1", ge=1, le=10000,
+                             description="points along each ray where fog is lit; more for dense fog")
     in_scattering_size: int | None = parameter(
-        256, "pixel", ge=16, le=20000, description="longer side at which the glow of lamps is rendered; null for the photograph's")
+        256, "pixel", ge=16, le=20000,
+        description="longer side at which the glow of lamps is rendered; null for the photograph's")
     restore_clipped_lamps: bool = parameter(
-        True, description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn them grey")
-    threads: int | None = parameter(None, "1", ge=1, le=512, description="POV-Ray's work threads; all cores when left out")
-    timeout: float = parameter(1800.0, "s", gt=0, le=86400, description="a single POV-Ray run that takes longer is stopped")
+        True,
+        description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn"
+                    " them grey")
+    threads: int | None = parameter(None, "1", ge=1, le=512,
+                                    description="POV-Ray's work threads; all cores when left out")
+    timeout: float = parameter(1800.0, "s", gt=0, le=86400,
+                               description="a single POV-Ray run that takes longer is stopped")
 
 
 def scene_model() -> type[Model]:
@@ -85,13 +100,18 @@ def scene_model() -> type[Model]:
 
         photograph: PhotographFile
         camera: CameraDescription
-        shapes: dict[Name, Shape] = parameter(..., description="solid things, in an order in which each stands on earlier ones",
-                                              min_length=1, max_length=500)
-        lights: dict[Name, Light] = parameter(..., description="lamps, windows, the sun", min_length=1, max_length=500)
-        illumination: Illumination = parameter({"type": "karsch"}, description="how light strengths are found")
-        sun_direction: SunDirection = parameter({"type": "window_patches"}, description="how the sun's direction is found")
+        shapes: dict[Name, Shape] = parameter(
+            ..., description="solid things, in an order in which each stands on earlier ones",
+            min_length=1, max_length=500)
+        lights: dict[Name, Light] = parameter(..., description="lamps, windows, the sun", min_length=1,
+                                              max_length=500)
+        illumination: Illumination = parameter({"type": "karsch"},
+                                               description="how light strengths are found")
+        sun_direction: SunDirection = parameter({"type": "window_patches"},
+                                                description="how the sun's direction is found")
         fog: Medium = parameter(description="the fog")
-        fogs: dict[Name, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one", max_length=500)
+        fogs: dict[Name, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one",
+                                             max_length=500)
         render: RenderSettings = RenderSettings()
         exporter: Exporter = parameter({"type": "povray"}, description="renderer's language")
 
@@ -101,9 +121,11 @@ def scene_model() -> type[Model]:
                 for name, l in self.lights.items():
                     if l.given_strength() is None:
                         raise mistake(f"no {l.strength_name}, and illumination is manual",
-                                      f"add '{l.strength_name}:', or choose illumination type karsch", ("lights", name))
+                                      f"add '{l.strength_name}:', or choose illumination type karsch",
+                                      ("lights", name))
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
-                raise mistake("more than one light of type sun", "put the openings of all windows into one", ("lights",))
+                raise mistake("more than one light of type sun", "put the openings of all windows into one",
+                              ("lights",))
             return self
 
     return Scene

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.geometry import vanishing_points as vp
 from pipeline.geometry.camera import Camera, from_exif_35mm, from_field_of_view, rotation
-from pipeline.geometry.fspy import read_fspy
+from pipeline.geometry.fspy import camera_from_fspy
 from pipeline.geometry.planes import Plane
 from pipeline.paths import Build, inside
 from pipeline.scene.artefacts import camera_to_json, read_json, scene_place, write_json
@@ -19,8 +21,8 @@ def run(build: Build) -> None:
     data = read_json(build.input("camera"))
     data.pop("fspy_sha256", None)
     try:
-        camera, report = describe(CameraDescription.model_validate(data), facts["width_pixel"], facts["height_pixel"],
-                                  facts["focal_length_35mm_mm"], build)
+        camera, report = describe(CameraDescription.model_validate(data), facts["width_pixel"],
+                                  facts["height_pixel"], facts["focal_length_35mm_mm"], build)
     except InputError as error:
         raise error.at(scene_place(build, "camera")) from None
     write_json(build.camera, {**camera_to_json(camera), **report})
@@ -33,9 +35,10 @@ def describe(c: CameraDescription, width: int, height: int, exif_35mm: float | N
     centre = np.asarray(c.principal_point, float) if isinstance(c.principal_point, list) else None
     report: dict = {"source": "angles", "messages": []}
     if c.fspy:
-        camera = read_fspy(inside(build, c.fspy), camera_height=1.0)
+        camera = _by_fspy(inside(build, c.fspy))
         if (camera.width, camera.height) != (width, height):
-            raise InputError(f"fSpy's picture has {camera.width}x{camera.height} pixels, the photograph {width}x{height}",
+            raise InputError(f"fSpy's picture has {camera.width}x{camera.height} pixels, the photograph"
+                             f" {width}x{height}",
                              place=c.fspy, remedy="solve the same picture in fSpy")
         report["source"] = "fspy"
     elif c.lines:
@@ -58,7 +61,8 @@ def describe(c: CameraDescription, width: int, height: int, exif_35mm: float | N
         camera = _by_lens(c, width, height, exif_35mm, centre, angles)
         if camera is None:
             raise InputError("nothing tells the focal length",
-                             remedy="draw 'lines', or give horizontal_field_of_view, focal_length_35mm or fspy")
+                             remedy="draw 'lines', or give horizontal_field_of_view, focal_length_35mm or"
+                                    " fspy")
     if c.position is not None:
         forward = np.subtract(c.look_at, c.position)
         if np.linalg.norm(forward) < 1e-9:
@@ -75,6 +79,17 @@ def describe(c: CameraDescription, width: int, height: int, exif_35mm: float | N
                                             known.length, name="the floor")
         camera = vp.scaled(camera, factor)
     return camera, report
+
+
+def _by_fspy(path: Path) -> Camera:
+    """The camera of an fSpy export, 1 m above the floor; messages carry the file's name."""
+    try:
+        return camera_from_fspy(path.read_bytes(), camera_height=1.0)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", remedy="check the file's name",
+                         place=str(path)) from None
+    except InputError as error:
+        raise error.at(str(path)) from None
 
 
 def _by_lens(c: CameraDescription, width, height, exif_35mm, centre, angles) -> Camera | None:

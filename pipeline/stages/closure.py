@@ -1,8 +1,9 @@
 """Checks photograph * T + V against fog and surfaces in one render -> closure.json, closure.exr.
 
-The estimated scene (geometry, mean albedo of each face, light strengths; direct light) is rendered twice:
-clear, which takes the photograph's place, and with surfaces, lights and fog all at once. Lamps and sun
-are rendered apart, as only the sun comes from outside the fog, and added: light adds up.
+The estimated scene (geometry, mean albedo of each face, light strengths; direct light, hence no ambient)
+is rendered twice: clear, which takes the photograph's place, and with surfaces, lights and fog all at
+once. Lamps and sun are rendered apart, as only the sun comes from outside the fog, and added: light adds
+up.
 """
 
 from __future__ import annotations
@@ -18,31 +19,34 @@ from pipeline.paths import Build
 from pipeline.physics.composition import composite
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering import povray
+from pipeline.rendering.scattered import Scattered
 from pipeline.rendering.emit import Run, Templates, emit
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths, write_json
 
 
 def run(build: Build) -> None:
     scene, medium, templates = read_placed(build), read_fog(build), Templates(build.source)
-    plan, illumination, settings = read_json(build.plan), read_json(build.illumination), read_json(build.input("render"))
+    plan, illumination = read_json(build.plan), read_json(build.illumination)
+    settings = read_json(build.input("render"))
     if plan["fog_is_clear"]:
-        raise InputError("the fog is clear: nothing to check", place=str(build.scene_file), remedy="pick a denser fog")
+        raise InputError("the fog is clear: nothing to check", place=str(build.scene_file),
+                         remedy="pick a denser fog")
     strengths = {name: strength.tolist() for name, strength in read_strengths(build).items()}
     albedos = [illumination["face_albedo"].get(face, [0.5] * 3) for face, _ in scene.faces()]
     suns = [name for name in plan["lights"] if isinstance(scene.lights[name], Sun)]
-    lamps = [name for name in plan["lights"] if name not in suns]
-    depth, transmittance, in_scattering = (
-        read_map(path).astype(float) for path in (build.depth, build.transmittance, build.in_scattering()))
+    lamps = [name for name in plan["lights"] if name not in suns and scene.lights[name].rendered]
+    scattered = Scattered(build)
+    depth, transmittance = scattered.depth, scattered.transmittance(lamps + suns)
+    in_scattering = sum(scattered.by(light) for light in lamps + suns)
     # the glow's own size: what costs most is rendered once more with the surfaces in it
-    coarse = max((r["width"] for r in plan["runs"] if r["kind"] == "in_scattering" and r["lights"][0] not in suns),
-                 default=depth.shape[1])
+    glows = [r for r in plan["runs"] if r["kind"] == "in_scattering" and r["lights"][0] not in suns]
+    coarse = max((r["width"] for r in glows), default=depth.shape[1])
     width, height = coarse, max(1, round(depth.shape[0] * coarse / depth.shape[1]))
     nearest = np.ix_(((np.arange(height) + 0.5) * depth.shape[0] / height).astype(int),
                      ((np.arange(width) + 0.5) * depth.shape[1] / width).astype(int))
     transmittance, in_scattering = transmittance[nearest], in_scattering[nearest]
     emitter = read_map(build.surfaces)[..., 1][nearest]
-    count = max((r["samples"] for r in plan["runs"] if r["kind"] == "in_scattering" and r["lights"][0] not in suns),
-                default=settings["samples"])
+    count = max((r["samples"] for r in glows), default=settings["samples"])
     sun_count = 3 * count  # in one render its edges are those of samples, not of a shaft
     photograph, foggy = np.zeros((height, width, 3)), np.zeros((height, width, 3))
     folder = build.out / "closure"
@@ -58,7 +62,8 @@ def run(build: Build) -> None:
                       {"without_fog": clear, "container": container})
             pov = folder / f"{name}.pov"
             with replacing(pov) as partial:
-                partial.write_text(emit(one, scene, templates, medium=medium, albedos=albedos, strengths=strengths))
+                partial.write_text(emit(one, scene, templates, medium=medium, albedos=albedos,
+                                        strengths=strengths))
             seconds = povray.render(pov, folder / f"{name}.exr", width, height, threads=settings["threads"],
                                     timeout=settings["timeout"])
             print(f"  {name}: {seconds:.1f} s", file=sys.stderr, flush=True)

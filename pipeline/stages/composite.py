@@ -1,13 +1,13 @@
-"""Photograph, T and V -> foggy.png, foggy.exr and the photograph's own kind of file."""
+"""Photograph, T and V -> foggy.exr, the photograph's own kind of file, and foggy.png.
+
+The PNG comes last: Make looks at it. Where the photograph is an EXR, foggy.exr is of its kind.
+"""
 
 from __future__ import annotations
-
-import shutil
 
 import numpy as np
 
 from pipeline.imaging import photograph as photographs
-from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.physics.composition import composite, with_restored_lamps
@@ -16,13 +16,13 @@ from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_pho
 
 def run(build: Build) -> None:
     photograph, medium = read_photograph(build), read_fog(build)
-    metadata = {**fog_metadata(build, medium), "fog:content": "foggy photograph, linear scene-referred Rec.709"}
+    metadata = {**fog_metadata(build, medium),
+                "fog:content": "foggy photograph, linear scene-referred Rec.709"}
     if read_json(build.plan)["fog_is_clear"]:
-        with replacing(build.foggy(".exr")) as name:
-            shutil.copyfile(build.photograph, name)
-        photographs.write_unchanged(build.foggy(".png"), photograph)
-        if photograph.suffix not in (".png", ".exr"):
-            photographs.write_unchanged(build.foggy(photograph.suffix), photograph)
+        if photograph.suffix != ".exr":
+            write_map(build.foggy(".exr"), read_map(build.photograph), metadata)
+        for suffix in dict.fromkeys((photograph.suffix, ".png")):
+            photographs.write_unchanged(build.foggy(suffix), photograph)
         return
     radiance = photograph.radiance
     if read_json(build.input("render"))["restore_clipped_lamps"]:
@@ -33,6 +33,6 @@ def run(build: Build) -> None:
     foggy = composite(radiance, read_map(build.transmittance), read_map(build.in_scattering()))
     foggy = foggy.astype(np.float32)
     write_map(build.foggy(".exr"), foggy, metadata)
-    photographs.write_png(build.foggy(".png"), foggy, photograph)
     if photograph.suffix not in (".png", ".exr"):
         photographs.write(build.foggy(photograph.suffix), foggy, photograph)
+    photographs.write_png(build.foggy(".png"), foggy, photograph)

@@ -26,13 +26,16 @@ def run(build: Build) -> None:
         raise InputError("no ray of the camera meets any shape", place=str(build.scene_file),
                          remedy="check the camera's position and the room's corners")
     if missed.any():
-        world.messages.append(f"{missed.mean():.1%} of the pixels look past all shapes; fog ends there at the farthest depth")
+        world.messages.append(f"{missed.mean():.1%} of the pixels look past all shapes; fog ends there at the"
+                              " farthest depth")
         depth = np.where(missed, depth[~missed].max(), depth)
-    write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"}, is_depth=True)
+    write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"},
+              is_depth=True)
     write_map(build.surfaces, np.stack([face, emitter, np.zeros_like(face)], -1).astype(np.float32),
               {"fog:content": "R: face index; G: visible light's index; -1: none"})
     write_json(build.geometry, {
-        "shapes": shapes, "lights": lights, "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],
+        "shapes": shapes, "lights": lights,
+        "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],
         "residuals_pixel": world.residuals, "messages": world.messages})
 
 

@@ -1,18 +1,21 @@
 """Photograph and clear renders of each light alone -> illumination.json, albedo.exr, basis/.
 
-basis/irradiance_LIGHT.exr (full size, direct, white surfaces) serves T as well; basis/bounce_LIGHT_ROUND.exr (small,
-with interreflection on surfaces of the albedo estimated so far) serves the estimate alone.
+basis/irradiance_LIGHT.exr (full size, direct, white surfaces) serves T as well;
+basis/bounce_LIGHT_ROUND.exr (small, with interreflection on surfaces of the albedo estimated so far)
+serves the estimate alone.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.estimation.intensities import EstimationMaps, IntensityFit, estimate_intensities
+from pipeline.estimation.intensities import (
+    EstimationMaps, IntensityFit, estimate_intensities, reduce_for_estimation)
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
@@ -29,17 +32,22 @@ def run(build: Build) -> None:
     scene = read_placed(build)
     settings = plugin_from_json("estimators", read_json(build.input("illumination")))
     strengths = read_json(build.input("strengths"))
+    if not read_json(build.input("demand"))["light_strengths"]:
+        return _without_fog(build)
     templates = Templates(build.source)
     runs = {}
-    for light in scene.lights:
+    rendered = [name for name, light in scene.lights.items() if light.rendered]
+    for light in rendered:
         planned = irradiance_run(scene, light)
         _render(build, planned, emit(planned, scene, templates))
         runs[planned.id] = as_json(planned)
     write_json(build.basis / "runs.json", runs)
 
     given = {name: strength for name, strength in strengths.items() if strength is not None}
-    if len(given) == len(scene.lights):
-        lights = {name: {"strength": given[name], "source": "given"} for name in scene.lights}
+    lights = {name: {"strength": given[name], "source": "given"} for name in scene.lights if name in given}
+    for name in set(scene.lights) - set(rendered) - set(given):
+        lights[name] = {"strength": _mean_radiance(build), "source": "mean of the photograph"}
+    if len(lights) == len(scene.lights):
         fit, report = None, {"estimator": "none needed: every strength is given", "messages": []}
         faces = {}
     else:
@@ -47,26 +55,39 @@ def run(build: Build) -> None:
             fit, faces = _estimate(build, scene, settings, given, templates)
         except InputError as error:
             raise error.at(scene_place(build, "illumination")) from None
-        lights = {name: {"strength": fit.intensity[i].tolist(), # an error without bound is none that JSON can hold
-                         "standard_error": np.where(np.isfinite(fit.standard_error[i]), fit.standard_error[i], None),
-                         "source": "given" if name in given else settings.type}
-                  for i, name in enumerate(scene.lights)}
-        report = {"estimator": settings.type, "scale_source": fit.scale_source, "messages": list(fit.messages),
+        # an error without bound is none that JSON can hold
+        error = np.where(np.isfinite(fit.standard_error), fit.standard_error, None)
+        lights |= {name: {"strength": fit.intensity[i].tolist(), "standard_error": error[i],
+                          "source": "given" if name in given else settings.type}
+                   for i, name in enumerate(rendered)}
+        report = {"estimator": settings.type, "scale_source": fit.scale_source,
+                  "messages": list(fit.messages),
                   "residual_median": fit.residual_median, "residual_p90": fit.residual_p90,
                   "condition_number": fit.condition_number, "usable_fraction": fit.usable_fraction,
                   "correlation": fit.correlation,
-                  "inseparable": [[list(scene.lights)[i] for i in pair] for pair in fit.inseparable]}
+                  "inseparable": [[rendered[i] for i in pair] for pair in fit.inseparable]}
+    lights = {name: lights[name] for name in scene.lights}
     for name, light in scene.lights.items():
         lights[name].update(quantity=light.strength_name,
                             unit=type(light).model_fields[light.strength_name].json_schema_extra["unit"])
     names = [face for face, _ in scene.faces()]
-    write_json(build.illumination, {
-        **report, "lights": lights,
-        "face_albedo": {names[i]: np.clip(albedo, *ALBEDO_RANGE).tolist() for i, albedo in sorted(faces.items())}})
+    albedos = {names[i]: np.clip(albedo, *ALBEDO_RANGE).tolist() for i, albedo in sorted(faces.items())}
     for message in report["messages"]:
         print(f"  note: {message}", file=sys.stderr)
+    _write_albedo(build, fit.albedo if fit is not None else np.full((1, 1, 3), 0.5))
+    # last: Make looks at it
+    write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos})
+
+
+def _without_fog(build: Build) -> None:
+    """Without fog nobody asks how strong the lights are: no render, no estimate."""
+    _write_albedo(build, np.full((1, 1, 3), 0.5))
+    write_json(build.illumination, {
+        "estimator": "none needed: the fog is clear", "messages": [], "lights": {}, "face_albedo": {}})
+
+
+def _write_albedo(build: Build, albedo: np.ndarray) -> None:
     size = read_json(build.photograph_facts)
-    albedo = fit.albedo if fit is not None else np.full((1, 1, 3), 0.5)
     albedo = cv2.resize(albedo.astype(np.float32), (size["width_pixel"], size["height_pixel"]),
                         interpolation=cv2.INTER_LINEAR)
     write_map(build.albedo, albedo, {"fog:content": "estimated diffuse albedo"})
@@ -74,7 +95,7 @@ def run(build: Build) -> None:
 
 def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates
               ) -> tuple[IntensityFit, dict[int, np.ndarray]]:
-    names = list(scene.lights)
+    names = [name for name, light in scene.lights.items() if light.rendered]
     maps, measured, at_least = _observations(build, scene, settings)
     height, width = maps.surface.shape
     small = scene.camera.resized(width, height)
@@ -86,12 +107,14 @@ def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates
         basis = np.stack([_bounce(build, small_scene, light, turn, albedos, maps.surface, settings, templates)
                           for light in names])
         fit = estimate_intensities(
-            EstimationMaps(maps.photograph, basis, maps.surface, maps.emitter, maps.clipped, maps.annotated), names,
-            given={names.index(name): value for name, value in given.items()}, measured=measured, at_least=at_least,
-            start=fit.intensity if fit else None, max_side=settings.size)
-        albedos = {i: stated.get(i, np.clip(fit.surface_albedo.get(i, np.full(3, settings.default_albedo)), *ALBEDO_RANGE))
-                   for i in albedos}
-        print(f"  round {turn + 1}/{settings.rounds}: median residual {fit.residual_median:.1%}", file=sys.stderr)
+            replace(maps, basis=basis), names,
+            given={names.index(name): value for name, value in given.items() if name in names},
+            measured=measured, at_least=at_least, start=fit.intensity if fit else None,
+            max_side=settings.size)
+        estimated = {i: fit.surface_albedo.get(i, np.full(3, settings.default_albedo)) for i in albedos}
+        albedos = {i: stated.get(i, np.clip(albedo, *ALBEDO_RANGE)) for i, albedo in estimated.items()}
+        print(f"  round {turn + 1}/{settings.rounds}: median residual {fit.residual_median:.1%}",
+              file=sys.stderr)
         if settings.bounces == 0:
             break
     return fit, albedos
@@ -112,10 +135,13 @@ def _observations(build: Build, scene: PlacedScene, settings):
     photograph = read_map(build.photograph)
     clipped = read_map(build.shared / "clipped.exr") > 0.5
     surfaces = read_map(build.surfaces)
-    height, width = clipped.shape
     surface, emitter = surfaces[..., 0].astype(np.int32), surfaces[..., 1].astype(np.int32)
+    rendered = [light for light in scene.lights.values() if light.rendered]
+    # the map counts all lights, the fit those that are rendered
+    emitter = np.array([rendered.index(light) if light.rendered else -1 for light in scene.lights.values()]
+                       + [-1], np.int32)[emitter]
     measured, at_least = {}, {}
-    for index, light in enumerate(scene.lights.values()):
+    for index, light in enumerate(rendered):
         shown = emitter == index
         if light.strength_name != "radiance" or not shown.any():
             continue
@@ -127,41 +153,36 @@ def _observations(build: Build, scene: PlacedScene, settings):
         (at_least if clipped[core].mean() > 0.5 else measured)[index] = radiance
     annotated = []
     for region in settings.albedos:
-        mask = np.zeros((height, width), np.uint8)
+        mask = np.zeros(clipped.shape, np.uint8)
         cv2.fillPoly(mask, [np.round(np.asarray(region.pixels) - 0.5).astype(np.int32)], 1)
         if not mask.any():
             raise InputError(f"albedo region {region.pixels[0]}... covers no pixel of the photograph",
                              remedy="give its outline in pixels of the photograph")
         annotated.append((mask > 0, np.asarray(region.albedo)))
-    stated, index = _stated_albedos(scene), 0
-    for index, albedo in stated.items():
+    for index, albedo in _stated_albedos(scene).items():
         if (surface == index).any():
             annotated.append((surface == index, albedo))
 
-    scale = min(1.0, settings.size / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-
-    def mean(image):
-        return cv2.resize(np.ascontiguousarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
-
-    def nearest(labels):
-        return cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
-
-    small_emitter = nearest(emitter)
-    for index in np.unique(emitter[emitter >= 0]):
-        small_emitter[mean(emitter == index) > 0] = index
-    maps = EstimationMaps(
-        mean(photograph).astype(float), np.zeros((0,)), nearest(surface), small_emitter, mean(clipped) > 0,
-        tuple((mean(mask) > 0.5, albedo) for mask, albedo in annotated if (mean(mask) > 0.5).any()))
-    return maps, measured, at_least
+    maps = reduce_for_estimation(
+        EstimationMaps(photograph, None, surface, emitter, clipped, tuple(annotated)), settings.size)
+    # a face or region of a few pixels may vanish at this size, and then says nothing
+    kept = tuple((mask, albedo) for mask, albedo in maps.annotated if mask.any())
+    return replace(maps, photograph=maps.photograph.astype(float), annotated=kept), measured, at_least
 
 
-def _bounce(build: Build, scene: PlacedScene, light: str, turn: int, albedos: dict[int, np.ndarray], surface: np.ndarray,
-            settings, templates: Templates) -> np.ndarray:
+def _mean_radiance(build: Build) -> list[float]:
+    """Mean radiance (3,) of the photograph's surfaces, lamps left out: what is reflected about the room."""
+    surfaces = read_map(build.surfaces)[..., 1] < 0
+    photograph = np.maximum(read_map(build.photograph), 0)
+    return photograph[surfaces].mean(0).tolist() if surfaces.any() else [0.0, 0.0, 0.0]
+
+
+def _bounce(build: Build, scene: PlacedScene, light: str, turn: int, albedos: dict[int, np.ndarray],
+            surface: np.ndarray, settings, templates: Templates) -> np.ndarray:
     """Irradiance/pi (h, w, 3) of one light at unit strength, interreflection included."""
     full = irradiance_run(scene, light)
-    planned = Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height, full.exposure,
-                  options={"bounces": settings.bounces, "rays": 120})
+    planned = Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
+                  full.exposure, options={"bounces": settings.bounces, "rays": 120})
     listed = [albedos[i].tolist() for i in range(len(albedos))]
     _render(build, planned, emit(planned, scene, templates, albedos=listed))
     reflected = read_map(build.basis / f"{planned.id}.exr").astype(float) / planned.exposure

@@ -7,12 +7,14 @@ redoes no geometry, and a change of a light's strength renders nothing.
 from __future__ import annotations
 
 import hashlib
+import inspect
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.paths import Build, inside
+from pipeline.ownership import claim
+from pipeline.paths import PROJECT, Build, inside
 from pipeline.plugins.base import Model
-from pipeline.scene.artefacts import write_json_if_changed
+from pipeline.scene.artefacts import read_json, write_json_if_changed
 from pipeline.scene.load import checked, read_scene, scenes_beside
 
 
@@ -43,12 +45,38 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
     }
     if scene.camera.fspy:
         parts["camera"]["fspy_sha256"] = _sha256(inside(build, scene.camera.fspy, fspy_at), fspy_at)
+    parts["templates"], parts["plugins"] = _templates(build), _plugins(scene)
+    claim(build)
+    parts["demand"] = {"light_strengths": not scene.fog.is_clear() or _was_demanded(build)}
     for part, value in parts.items():
         write_json_if_changed(build.input(part), value)
     # later stages say in which line of the scene file stands what they cannot use; nothing is made from this
     write_json_if_changed(build.lines, {".".join(keys): line for keys, line in text.lines.items()
                                         if all(isinstance(key, str) for key in keys)})
     return scene
+
+
+def _was_demanded(build: Build) -> bool:
+    """Whether a fog of this scene needed the light strengths before: they are shared, and kept up to date."""
+    demand = build.input("demand")
+    return demand.exists() and read_json(demand)["light_strengths"]
+
+
+def _templates(build: Build) -> dict[str, str]:
+    """The scene's own templates by name: one that appears, changes or goes is noticed."""
+    found = [path for pattern in ("*.inc", "*.pov", "report.html") for path in build.source.rglob(pattern)]
+    return {str(path.relative_to(build.source)): _sha256(path, str(path)) for path in sorted(found)
+            if path.is_file()}
+
+
+def _plugins(scene: Model) -> dict[str, str]:
+    """Sources of the scene's plugins from outside the project, which Make does not know."""
+    used = [*scene.shapes.values(), *scene.lights.values(), scene.fog, scene.fog.phase(), scene.illumination,
+            scene.sun_direction]
+    files = {name for plugin in used for name in (
+        Path(inspect.getfile(type(plugin))), plugin.template_folder() / f"{plugin.type_name()}.inc")}
+    return {file.name: _sha256(file, str(file)) for file in sorted(files)
+            if file.is_file() and not file.resolve().is_relative_to(PROJECT / "pipeline")}
 
 
 def _sha256(path: Path, stated_at: str) -> str:

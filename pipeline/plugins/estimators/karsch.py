@@ -28,7 +28,11 @@ class Karsch(Estimator):
     estimates: ClassVar[str] = "illumination"
     albedos: Annotated[list[AnnotatedAlbedo], Field(max_length=100)] = parameter(
         [], description="regions of known albedo; these win over what the photograph suggests")
-    default_albedo: float = parameter(0.5, "1", gt=0, lt=1, description="mean albedo where nothing else sets the scale")
-    size: int = parameter(160, "pixel", ge=16, le=2000, description="longer side of the renders that are fitted")
-    bounces: int = parameter(3, "1", ge=0, le=6, description="depth of interreflection; 0 is direct light only")
-    rounds: int = parameter(2, "1", ge=1, le=6, description="times that albedo and interreflection are refined")
+    default_albedo: float = parameter(0.5, "1", gt=0, lt=1,
+                                      description="mean albedo where nothing else sets the scale")
+    size: int = parameter(160, "pixel", ge=16, le=2000,
+                          description="longer side of the renders that are fitted")
+    bounces: int = parameter(3, "1", ge=0, le=6,
+                             description="depth of interreflection; 0 is direct light only")
+    rounds: int = parameter(2, "1", ge=1, le=6,
+                            description="times that albedo and interreflection are refined")

@@ -16,6 +16,7 @@ class WindowPatches(Estimator):
     type: Literal["window_patches"] = "window_patches"
     estimates: ClassVar[str] = "sun_direction"
     starts: int = parameter(6, "1", ge=1, le=100, description="starting directions of the minimisation")
-    annotation_noise: float = parameter(2.0, "pixel", gt=0, le=100,
-                                        description="how exactly the corners were clicked; sets the confidence cone")
+    annotation_noise: float = parameter(
+        2.0, "pixel", gt=0, le=100,
+        description="how exactly the corners were clicked; sets the confidence cone")
     seed: int = parameter(0, "1", ge=0, description="of the resampling that gives the confidence cone")

@@ -18,18 +18,22 @@ class Area(Light):
     type: Literal["area"] = "area"
     strength_name = "radiance"
     outline: Outline = parameter(description="the emitting surface")
-    radiance: Colour | None = parameter(None, "photo unit", description="known radiance; estimated when left out")
+    radiance: Colour | None = parameter(None, "photo unit",
+                                        description="known radiance; estimated when left out")
     visible: bool = parameter(True, description="whether its pixels show the emitter itself")
     faces_towards: Vector | None = parameter(
         None, "m", description="a point on its lit side; the camera when left out")
     sub_lights: int = parameter(
-        5, ge=1, le=32, description="its square is the number of small lights that stand for the area; 8 for glow close to it")
+        5, ge=1, le=32,
+        description="its square is the number of small lights that stand for the area; 8 for glow close to"
+                    " it")
 
     def placed(self, name, world):
         outline = self.outline.placed(f"{name}.outline", world)
         towards = world.camera.position if self.faces_towards is None else np.asarray(self.faces_towards)
         polygon = facing(outline.polygon, towards)
-        return self.model_copy(update={"outline": Outline(points=polygon.tolist()), "faces_towards": towards.tolist()})
+        return self.model_copy(update={"outline": Outline(points=polygon.tolist()),
+                                       "faces_towards": towards.tolist()})
 
     def emitting_polygon(self):
         return self.outline.polygon if self.visible else None

@@ -16,8 +16,10 @@ class Point(Light):
     type: Literal["point"] = "point"
     strength_name = "intensity"
     position: Position = parameter(description="where the bulb is")
-    intensity: Colour | None = parameter(None, "photo unit * m^2", description="known intensity; estimated when left out")
-    radius: float = parameter(0.02, "m", gt=0, le=1e5, description="of the bulb; bounds the light close to it")
+    intensity: Colour | None = parameter(None, "photo unit * m^2",
+                                         description="known intensity; estimated when left out")
+    radius: float = parameter(0.02, "m", gt=0, le=1e5,
+                              description="of the bulb; bounds the light close to it")
 
     def placed(self, name, world):
         return self.model_copy(update={"position": self.position.placed(f"{name}.position", world)})

@@ -24,8 +24,10 @@ class Spot(Light):
     target: Position = parameter(description="a point on its axis")
     inner_angle: float = parameter(20.0, "degree", ge=0, le=89, description="half angle of the full cone")
     outer_angle: float = parameter(30.0, "degree", gt=0, le=89.5, description="half angle where it ends")
-    intensity: Colour | None = parameter(None, "photo unit * m^2", description="on the axis; estimated when left out")
-    radius: float = parameter(0.02, "m", gt=0, le=1e5, description="of the bulb; bounds the light close to it")
+    intensity: Colour | None = parameter(None, "photo unit * m^2",
+                                         description="on the axis; estimated when left out")
+    radius: float = parameter(0.02, "m", gt=0, le=1e5,
+                              description="of the bulb; bounds the light close to it")
 
     @model_validator(mode="after")
     def _cone(self):

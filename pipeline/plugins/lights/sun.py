@@ -30,7 +30,8 @@ class Sun(Light):
     openings: Annotated[dict[str, Opening], Field(min_length=1, max_length=50)] = parameter(
         description="windows by name")
     direction: Direction | None = parameter(
-        None, "1", description="in which the light travels, from the sun into the room; estimated when left out")
+        None, "1",
+        description="in which the light travels, from the sun into the room; estimated when left out")
     irradiance: Colour | None = parameter(
         None, "photo unit * sr", description="on a surface facing the sun; estimated when left out")
 

@@ -22,12 +22,14 @@ class Cuboid(Shape):
     """
 
     type: Literal["cuboid"] = "cuboid"
-    stands_on: str | None = parameter(None, description="plane it touches: a floor, a wall, a ceiling, another box's top")
+    stands_on: str | None = parameter(
+        None, description="plane it touches: a floor, a wall, a ceiling, another box's top")
     corners: dict[str, Pixel] = parameter({}, "pixel", description="visible corners by name", max_length=8)
     known: dict[Literal["width", "height", "depth"], PositiveFloat] = parameter(
         {}, "m", description="sizes that the corners leave open")
     yaw: Finite | Literal["fit"] = parameter(0.0, "degree", description="turn about the vertical, or `fit`")
-    centre: Vector | None = parameter(None, "m", description="with `size`, the box itself instead of annotations")
+    centre: Vector | None = parameter(None, "m",
+                                      description="with `size`, the box itself instead of annotations")
     size: Vector | None = parameter(None, "m")
 
     @model_validator(mode="after")
@@ -35,11 +37,13 @@ class Cuboid(Shape):
         known = self.centre is not None and self.size is not None
         measured = self.centre is not None or self.size is not None
         annotated = self.stands_on is not None and bool(self.corners)
-        if known == annotated or measured != known or known and (self.stands_on or self.corners or self.known):
+        both = known and (self.stands_on or self.corners or self.known)
+        if known == annotated or measured != known or both:
             raise mistake("neither annotated nor measured, or both",
                           "give either 'stands_on' and 'corners', or 'centre' and 'size' in metres")
         if known and (self.yaw == "fit" or not min(self.size) > 0):
-            raise mistake(f"size {self.size} with yaw {self.yaw}", "with 'centre', give sizes above 0 and a yaw in degrees")
+            raise mistake(f"size {self.size} with yaw {self.yaw}",
+                          "with 'centre', give sizes above 0 and a yaw in degrees")
         return self
 
     def placed(self, name, world):
@@ -56,7 +60,8 @@ class Cuboid(Shape):
             box = fit.box
             world.residuals[name] = {"rms": fit.rms, **fit.residuals}
             world.messages += [f"{name}: {w}" for w in fit.warnings]
-            placed = Cuboid(albedo=self.albedo, centre=box.centre.tolist(), size=box.size.tolist(), yaw=box.yaw)
+            placed = Cuboid(albedo=self.albedo, centre=box.centre.tolist(), size=box.size.tolist(),
+                            yaw=box.yaw)
         else:
             placed = self
         world.add_faces(name, placed)
@@ -64,7 +69,8 @@ class Cuboid(Shape):
 
     @property
     def box(self) -> AxisBox:
-        half, turn = np.asarray(self.size, float) / 2, AxisBox(np.zeros(3), np.ones(3), float(self.yaw)).world_from_box
+        half = np.asarray(self.size, float) / 2
+        turn = AxisBox(np.zeros(3), np.ones(3), float(self.yaw)).world_from_box
         centre = turn.T @ np.asarray(self.centre, float)
         return AxisBox(centre - half, centre + half, float(self.yaw))
 

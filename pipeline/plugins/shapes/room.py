@@ -15,19 +15,22 @@ WALLS = Literal["left", "right", "back", "front", "ceiling"]
 
 
 class Room(Shape):
-    """Floor (y = 0), ceiling and four walls along the axes; faces floor, ceiling, left, right, back, front."""
+    """Floor (y = 0), ceiling, four walls along the axes; faces floor, ceiling, left, right, back, front."""
 
     type: Literal["room"] = "room"
     casts_shadow: ClassVar[bool] = False
     corners: dict[str, Pixel] = parameter(
-        {}, "pixel", description="corners by name, such as back_left_floor, front_right_ceiling", max_length=8)
+        {}, "pixel", description="corners by name, such as back_left_floor, front_right_ceiling",
+        max_length=8)
     edges: dict[str, Annotated[list[Pixel], Field(min_length=2, max_length=2)]] = parameter(
-        {}, "pixel", description="two points along an edge by name, such as floor_back, ceiling_left, back_left",
+        {}, "pixel",
+        description="two points along an edge by name, such as floor_back, ceiling_left, back_left",
         max_length=12)
     known: dict[WALLS, Finite] = parameter({}, "m", description="coordinates of walls that nothing shows")
     behind: float = parameter(1.0, "m", gt=0, le=1e6,
                               description="distance of an unseen front wall behind the camera")
-    lower: Vector | None = parameter(None, "m", description="with `upper`, the room itself instead of annotations")
+    lower: Vector | None = parameter(None, "m",
+                                     description="with `upper`, the room itself instead of annotations")
     upper: Vector | None = parameter(None, "m")
 
     @model_validator(mode="after")
@@ -35,7 +38,8 @@ class Room(Shape):
         if (self.lower is None) != (self.upper is None):
             raise mistake("only one of 'lower' and 'upper' is there", "give both, in metres")
         if self.lower is not None and (self.corners or self.edges or self.known):
-            raise mistake("both annotated and measured", "keep 'lower' and 'upper', or 'corners', 'edges' and 'known'")
+            raise mistake("both annotated and measured",
+                          "keep 'lower' and 'upper', or 'corners', 'edges' and 'known'")
         return self
 
     def placed(self, name, world):

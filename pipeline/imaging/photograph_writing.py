@@ -1,0 +1,168 @@
+"""Radiance back into the kind of file that a photograph came from, and into the PNG beside it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from pipeline.imaging.atomic import replacing
+from pipeline.imaging.colour import Encoding, SrgbEncoding
+from pipeline.imaging.photograph_file import SUFFIXES, Photograph
+
+#: Metadata about pixels as they were stored: false or superfluous beside new pixels. The gain map of
+#: an Ultra-HDR photograph (hdrgm and its container) would brighten the fog by the clear picture's lights.
+_STALE_METADATA = ("oiio:", "ICCProfile", "Orientation", "thumbnail", "hdrgm:", "Item:", "Container:", "rdf:",
+                   "tiff:", "jpeg:", "png:", "openexr:", "hdr:", "planarconfig", "Exif:PixelXDimension",
+                   "Exif:PixelYDimension")
+_OF_ONE_FORMAT = ("compression", "chromaticities")
+
+
+def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> None:
+    """Writes `radiance`, (H, W, 3) linear, in the kind of `like`; see `Photograph.suffix`.
+
+    Alpha and metadata are the photograph's, pixels are upright. JPEG: quality 95 without chroma
+    subsampling. Raises `InputError` if the file cannot be written; then nothing is left behind.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES[like.format]:
+        raise ValueError(f"{path.name}: a {like.format} file is called {like.suffix}")
+    values = encode(radiance, like)
+    colours = values.shape[2] - (like.alpha is not None)
+    encoding = _fitting_encoding(like, colours)
+    _store(path, values, like, like.format, like.sample_type, encoding.profile)
+
+
+def write_png(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> None:
+    """Writes the PNG that goes with every result: what a screen shows of `radiance`.
+
+    8 bit for an 8-bit photograph, whose own noise hides the steps; 16 bit otherwise, since fog is
+    smooth and 8 bits would show bands that the photograph never had. In the photograph's own
+    colour profile if it has one, else sRGB; clipped at photo white, no tone mapping.
+    """
+    channels = 1 if like.is_grey and _is_grey(radiance) else 3
+    encoding = _fitting_encoding(like, channels)
+    if like.is_float or (encoding.profile is None and not isinstance(encoding, SrgbEncoding)):
+        encoding = SrgbEncoding()
+    sample_type = "uint8" if like.sample_type == "uint8" else "uint16"
+    values = encode(radiance, like, encoding, sample_type)
+    _store(Path(path), values, like, "png", sample_type, encoding.profile)
+
+
+def write_unchanged(path: str | os.PathLike, photograph: Photograph) -> None:
+    """Writes the photograph as it came: without fog nothing may change.
+
+    In its own kind the file is copied byte for byte, its orientation tag included. As a PNG the
+    upright code values are stored exactly; only a float photograph, which no PNG can hold, is
+    encoded as by `write_png`.
+    """
+    path = Path(path)
+    if path.suffix.lower() in SUFFIXES[photograph.format]:
+        with replacing(path) as partial:
+            shutil.copyfile(photograph.path, partial)
+    elif path.suffix.lower() != ".png":
+        raise ValueError(f"{path.name}: neither {photograph.suffix} nor .png")
+    elif photograph.is_float:
+        write_png(path, photograph.radiance, photograph)
+    else:
+        _store(path, photograph.codes, photograph, "png", photograph.sample_type, photograph.encoding.profile)
+
+
+def encode(radiance: np.ndarray, like: Photograph, encoding: Encoding | None = None,
+           sample_type: str | None = None) -> np.ndarray:
+    """Values to store for `radiance`, (H, W, 3): (H, W, n) in the kind of `like`, alpha last.
+
+    n drops to 1 (or 2 with alpha) where the photograph is grey and the result still is. Integer
+    values are clipped and rounded; those of an unchanged radiance are the photograph's own codes.
+    """
+    radiance = np.asarray(radiance, np.float32)
+    if radiance.shape != like.radiance.shape:
+        raise ValueError(f"radiance {radiance.shape} for a photograph {like.radiance.shape}")
+    if not np.isfinite(radiance).all():
+        count = np.count_nonzero(~np.isfinite(radiance))
+        raise ValueError(f"radiance has {count} values that are not finite")
+    sample_type = sample_type or like.sample_type
+    channels = 1 if like.is_grey and _is_grey(radiance) else 3
+    encoding = encoding or _fitting_encoding(like, channels)
+    is_integer = sample_type.startswith("uint")
+    dtype = np.dtype(sample_type if is_integer else np.float32)
+    values = np.empty(radiance.shape[:2] + (channels + (like.alpha is not None),), dtype)
+    rows = max(1, 2_000_000 // like.width)  # in bands: transfer functions need several temporary copies
+    for top in range(0, like.height, rows):
+        band = slice(top, top + rows)
+        linear = radiance[band]
+        if like.has_associated_alpha and not is_integer:
+            linear = linear * np.where(like.alpha[band] > 0, like.alpha[band], 1)[..., None]
+        encoded = encoding.encode(linear, channels)
+        if is_integer:
+            encoded = np.rint(np.clip(encoded, 0, 1) * np.iinfo(dtype).max)
+        elif sample_type == "half":
+            encoded = np.clip(encoded, -65504, 65504)  # the largest half: beyond it lies infinity
+        elif like.format == "hdr":
+            encoded = np.maximum(encoded, 0)  # shared-exponent pixels have no sign
+        values[band, :, :channels] = encoded
+    if like.alpha is not None:
+        if like.codes.dtype == dtype:
+            values[..., -1] = like.codes[..., -1]
+        else:
+            values[..., -1] = np.rint(like.alpha * np.iinfo(dtype).max)
+    return values
+
+
+def _is_grey(radiance: np.ndarray) -> bool:
+    """Whether no channel differs visibly (1e-3 of the value is a quarter of an 8-bit step)."""
+    return all(np.allclose(radiance[..., 0], radiance[..., other], rtol=1e-3, atol=1e-5) for other in (1, 2))
+
+
+def _fitting_encoding(like: Photograph, channels: int) -> Encoding:
+    """The photograph's encoding, or sRGB where coloured fog meets a grey colour profile."""
+    if channels == 3 and getattr(like.encoding, "colour_model", "rgb") == "gray":
+        return SrgbEncoding()
+    if channels == 3 and like.is_grey and isinstance(like.encoding, SrgbEncoding):
+        return SrgbEncoding()
+    return like.encoding
+
+
+def _store(path: Path, values: np.ndarray, like: Photograph, format: str, sample_type: str,
+           profile: bytes | None) -> None:
+    height, width, channels = values.shape
+    spec = oiio.ImageSpec(width, height, channels, sample_type)
+    names = ("R", "G", "B") if channels >= 3 else ("Y",)
+    if like.alpha is not None:
+        names, spec.alpha_channel = names + ("A",), channels - 1
+    spec.channelnames = names
+    for item in like.header.extra_attribs:
+        if item.name.startswith(_STALE_METADATA) or (format != like.format and item.name in _OF_ONE_FORMAT):
+            continue
+        spec.attribute(item.name, item.type, item.value)
+    spec.attribute("Orientation", 1)
+    if like.alpha is not None and not (like.has_associated_alpha and format == like.format):
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    if profile:
+        data_type = oiio.TypeDesc(f"uint8[{len(profile)}]")
+        spec.attribute("ICCProfile", data_type, np.frombuffer(profile, np.uint8))
+    if format == "jpeg":
+        spec.attribute("compression", "jpeg:95")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+    elif format == "tiff" and spec.get_string_attribute("compression") not in ("none", "lzw", "packbits"):
+        spec.attribute("compression", "zip")  # never a lossy one
+
+    with replacing(path) as partial:
+        _reserve(partial, values.nbytes + 1_000_000)
+        output = oiio.ImageOutput.create(format)
+        succeeded = output.open(str(partial), spec) and output.write_image(np.ascontiguousarray(values))
+        succeeded = output.close() and succeeded
+        # The TIFF writer complains so about every file without EXIF data.
+        errors = [line for line in output.geterror().splitlines()
+                  if line.strip() and line != "failed TIFFWriteCustomDirectory() of the Exif data"]
+        if not succeeded or errors:
+            raise OSError(errors[0] if errors else f"the {format} writer failed")
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Fails with `OSError` unless `size` bytes fit: on a full disk the JPEG encoder ends the process."""
+    with open(path, "wb") as file:
+        os.posix_fallocate(file.fileno(), 0, size)

@@ -1,0 +1,38 @@
+"""Ambient light: what walls and furniture reflect, as one uniform field."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pipeline.plugins.base import Colour, Light, parameter
+
+
+class Ambient(Light):
+    """Light reflected about the room: the same radiance from all sides, everywhere.
+
+    Its way counts as clear, as the sky's does outdoors: what the fog takes from it on one way it adds from
+    another, so that a room lit by it alone looks the same in fog that absorbs nothing. It is known in
+    closed form and costs no render. Its strength is the mean of the photograph without its lamps.
+    """
+
+    type: Literal["ambient"] = "ambient"
+    strength_name = "radiance"
+    rendered: ClassVar[bool] = False
+    radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
+
+    def placed(self, name, world):
+        return self
+
+    def incident(self, points):
+        shape = np.shape(points)[:-1]
+        return np.full(shape, np.pi), np.zeros(shape)
+
+    def in_scattering(self, scattering: np.ndarray, extinction: np.ndarray,
+                      optical_depth: np.ndarray) -> np.ndarray:
+        """V (..., 3) at unit radiance, delta/kappa (1 - exp(-tau)): the phase function integrates to 1."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(extinction > 0, scattering / extinction, 0.0)
+        return -np.expm1(-optical_depth) * share
+

@@ -1,0 +1,1 @@
+"""What is said about a result: the manifest for programs, facts and the page for people."""
