@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -34,6 +35,9 @@ LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 PR_SET_PDEATHSIG = 1
 
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
+
+#: POV-Ray processes under way, to be ended with us.
+_RUNNING: set[subprocess.Popen] = set()
 
 
 @cache
@@ -102,6 +106,24 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     return seconds
 
 
+def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], timeout: float = 1800.0) -> list[float]:
+    """`render` of several (pov, image, width, height) at once, each on one thread; seconds each took.
+
+    POV-Ray's radiosity gathers its samples in the order in which its threads come by: on several, no two
+    renders are alike. On one they are, and the other cores render the other files.
+    """
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        started = [pool.submit(render, *job, threads=1, timeout=timeout) for job in jobs]
+        try:
+            return [one.result() for one in started]
+        except BaseException:
+            for one in started:
+                one.cancel()
+            for process in list(_RUNNING):
+                _kill(process)
+            raise
+
+
 def _refuse_file_access(text: str, pov: Path) -> None:
     """Scenes are passed on, templates and all: they may not read or overwrite a person's files."""
     # in comments too: POV-Ray nests them, and a parser that saw them differently could be led past
@@ -121,6 +143,7 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
                                stderr=subprocess.STDOUT,
                                env=environment, cwd=home, start_new_session=True, text=True, errors="replace",
                                preexec_fn=_end_with_us if LIBC else None)
+    _RUNNING.add(process)
     try:
         log, _ = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
@@ -130,6 +153,8 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
     except BaseException:
         _kill(process)
         raise
+    finally:
+        _RUNNING.discard(process)
     if process.returncode == 0:
         return log
     log_file = image.with_suffix(".log")

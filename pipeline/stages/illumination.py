@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -104,8 +105,7 @@ def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates
     albedos = {i: stated.get(i, np.full(3, settings.default_albedo)) for i in range(len(scene.faces()))}
     fit = None
     for turn in range(settings.rounds):
-        basis = np.stack([_bounce(build, small_scene, light, turn, albedos, maps.surface, settings, templates)
-                          for light in names])
+        basis = _bounces(build, small_scene, names, turn, albedos, maps.surface, settings, templates)
         fit = estimate_intensities(
             replace(maps, basis=basis), names,
             given={names.index(name): value for name, value in given.items() if name in names},
@@ -177,25 +177,35 @@ def _mean_radiance(build: Build) -> list[float]:
     return photograph[surfaces].mean(0).tolist() if surfaces.any() else [0.0, 0.0, 0.0]
 
 
-def _bounce(build: Build, scene: PlacedScene, light: str, turn: int, albedos: dict[int, np.ndarray],
-            surface: np.ndarray, settings, templates: Templates) -> np.ndarray:
-    """Irradiance/pi (h, w, 3) of one light at unit strength, interreflection included."""
-    full = irradiance_run(scene, light)
-    planned = Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
-                  full.exposure, options={"bounces": settings.bounces, "rays": 120})
+def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, albedos: dict[int, np.ndarray],
+             surface: np.ndarray, settings, templates: Templates) -> np.ndarray:
+    """Irradiance/pi (L, h, w, 3) of each light at unit strength, interreflection included."""
     listed = [albedos[i].tolist() for i in range(len(albedos))]
-    _render(build, planned, emit(planned, scene, templates, albedos=listed))
-    reflected = read_map(build.basis / f"{planned.id}.exr").astype(float) / planned.exposure
     of_face = np.array([*listed, [1.0, 1.0, 1.0]])[surface]
-    return reflected / np.maximum(of_face, 1e-3)
+    runs = [Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
+                irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": 120})
+            for light in lights]
+    jobs = [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
+    for run, seconds in zip(runs, povray.render_side_by_side(jobs)):
+        _tell(run, seconds)
+    reflected = [read_map(build.basis / f"{run.id}.exr").astype(float) / run.exposure for run in runs]
+    return np.stack(reflected) / np.maximum(of_face, 1e-3)
 
 
-def _render(build: Build, planned: Run, text: str) -> None:
+def _render(build: Build, run: Run, text: str) -> None:
+    _tell(run, povray.render(*_written(build, run, text)))
+
+
+def _written(build: Build, run: Run, text: str) -> tuple[Path, Path, int, int]:
+    """The run's .pov file, put into basis/ where it is new, and what its render needs."""
     build.basis.mkdir(parents=True, exist_ok=True)
-    pov = build.basis / f"{planned.id}.pov"
+    pov = build.basis / f"{run.id}.pov"
     if not pov.exists() or pov.read_text(encoding="utf-8") != text:
         with replacing(pov) as name:
             name.write_text(text, encoding="utf-8")
-    seconds = povray.render(pov, build.basis / f"{planned.id}.exr", planned.width, planned.height)
+    return pov, build.basis / f"{run.id}.exr", run.width, run.height
+
+
+def _tell(run: Run, seconds: float) -> None:
     if seconds:
-        print(f"  {planned.id}: {seconds:.1f} s", file=sys.stderr, flush=True)
+        print(f"  {run.id}: {seconds:.1f} s", file=sys.stderr, flush=True)
