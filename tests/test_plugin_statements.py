@@ -6,10 +6,11 @@ import pytest
 from pipeline.imaging.maps import read_map
 from pipeline.plugins.base import registry
 from pipeline.rendering import povray
-from pipeline.rendering.emit import PlacedScene, Run, Templates, emit
+from pipeline.rendering.emit import Run, Templates, emit
 from pipeline.plugins.lights.ambient import Ambient
 from pipeline.scene.artefacts import read_fog, read_placed
-from tests.test_light_transport import COLOUR, DESCRIBED, chain, run
+from pipeline.scene.placed import PlacedScene
+from tests.test_light_transport import COLOUR, DESCRIBED, chain
 
 
 def rendered(folder, one, scene, **options):

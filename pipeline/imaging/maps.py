@@ -35,6 +35,8 @@ def write_map(path: str | os.PathLike, array: np.ndarray, metadata: Metadata = {
     spec = oiio.ImageSpec(width, height, channels, "float")
     spec.channelnames = ("R", "G", "B") if channels == 3 else ("Z",) if is_depth else ("Y",)
     spec.attribute("compression", "zip")
+    # OpenImageIO would write the time of day, and no two builds would have the same bytes
+    spec.attribute("DateTime", "1970:01:01 00:00:00")
     for name, value in metadata.items():
         _set_attribute(spec, name, value)
     with replacing(Path(path)) as partial:

@@ -149,6 +149,8 @@ def _store(path: Path, values: np.ndarray, like: Photograph, format: str, sample
         spec.attribute("jpeg:subsampling", "4:4:4")
     elif format == "tiff" and spec.get_string_attribute("compression") not in ("none", "lzw", "packbits"):
         spec.attribute("compression", "zip")  # never a lossy one
+    if format == "openexr" and not spec.get_string_attribute("DateTime"):
+        spec.attribute("DateTime", "1970:01:01 00:00:00")  # else the time of day: no two builds alike
 
     with replacing(path) as partial:
         _reserve(partial, values.nbytes + 1_000_000)

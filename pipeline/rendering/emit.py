@@ -16,32 +16,13 @@ from jinja2.sandbox import SandboxedEnvironment
 
 from pipeline import paths
 from pipeline.errors import InputError
-from pipeline.geometry.camera import Camera
-from pipeline.plugins.base import Light, Medium, Plugin, Shape
+from pipeline.plugins.base import Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
+from pipeline.scene.placed import PlacedScene
 
 MAX_TEMPLATE_BYTES = 1_000_000
 #: Optical depth beyond which nothing reaches the eye: exp(-12) is 6e-6 of what is nearer.
 FARTHEST_OPTICAL_DEPTH = 12.0
-
-
-@dataclass(frozen=True)
-class PlacedScene:
-    """A scene in world metres: what exporters see."""
-
-    camera: Camera
-    shapes: dict[str, Shape]
-    lights: dict[str, Light]
-
-    def faces(self) -> list[tuple[str, np.ndarray]]:
-        """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""
-        return [(f"{name}.{face}", corners) for name, shape in self.shapes.items()
-                for face, corners in shape.faces().items()]
-
-    def extent(self) -> float:
-        """Radius [m] round the camera that holds everything."""
-        points = np.concatenate([corners for _, corners in self.faces()])
-        return float(np.linalg.norm(points - self.camera.position, axis=1).max())
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from pipeline.plugins.base import Medium
 from pipeline.plugins.lights.sun import Sun
-from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, PlacedScene, Run
+from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, Run
+from pipeline.scene.placed import PlacedScene
 
 #: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
 #: room for a lamp's peak above, and for shadow and dense fog below.

@@ -11,7 +11,7 @@ from pipeline.geometry.boxes import AxisBox
 from pipeline.geometry.camera import Camera, yaw_pitch_roll
 from pipeline.imaging.display import displayed
 from pipeline.plugins.base import Medium
-from pipeline.rendering.emit import PlacedScene
+from pipeline.scene.placed import PlacedScene
 
 
 def corner_fits(annotated: dict[str, dict], scene: PlacedScene) -> list[tuple[np.ndarray, np.ndarray]]:

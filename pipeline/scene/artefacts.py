@@ -15,7 +15,7 @@ from pipeline.imaging import photograph as photographs
 from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Plugin, registry
-from pipeline.rendering.emit import PlacedScene
+from pipeline.scene.placed import PlacedScene
 
 REMAKE = "remove the scene's build folder and run make again"
 

@@ -21,9 +21,10 @@ from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.rendering import povray
-from pipeline.rendering.emit import PlacedScene, Run, Templates, emit
+from pipeline.rendering.emit import Run, Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, scene_place, write_json
+from pipeline.scene.placed import PlacedScene
 
 #: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
 ALBEDO_RANGE = (0.05, 0.95)
