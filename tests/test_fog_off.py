@@ -43,7 +43,8 @@ def written(path, codes: np.ndarray, stored: str | None = None, **attributes) ->
         if path.suffix != ".exr":
             spec.attribute("oiio:UnassociatedAlpha", 1)
     if attributes.pop("profile", False):
-        spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(PROFILE)}]"), np.frombuffer(PROFILE, np.uint8))
+        data_type = oiio.TypeDesc(f"uint8[{len(PROFILE)}]")
+        spec.attribute("ICCProfile", data_type, np.frombuffer(PROFILE, np.uint8))
     for name, value in attributes.items():
         spec.attribute(name.replace("__", ":"), value)
     output = oiio.ImageOutput.create(str(path))
@@ -60,7 +61,8 @@ KINDS = {
     "png of 16 bits": ("photograph.png", "uint16", 3, {}),
     "grey png of 16 bits with alpha": ("photograph.png", "uint16", 2, {}),
     "tiff": ("photograph.tif", "uint8", 3, dict(Orientation=3)),
-    "tiff of 16 bits with alpha and profile": ("photograph.tiff", "uint16", 4, dict(profile=True, compression="lzw")),
+    "tiff of 16 bits with alpha and profile": (
+        "photograph.tiff", "uint16", 4, dict(profile=True, compression="lzw")),
     "float tiff": ("photograph.tif", "float", 3, {}),
     "exr": ("photograph.exr", "float", 3, dict(owner="somebody")),
     "half exr with alpha": ("photograph.exr", "float", 4, dict(stored="half", Make="Camera")),

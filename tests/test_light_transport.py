@@ -12,7 +12,7 @@ import pytest
 from pipeline.cli import main
 from pipeline.geometry.planes import polygon_normal
 from pipeline.geometry.raycast import first_hits
-from pipeline.imaging.maps import read_map, write_map
+from pipeline.imaging.maps import read_map, read_metadata, write_map
 from pipeline.paths import Build
 from pipeline.scene.artefacts import read_placed
 from tests.reference import quadrature as reference
@@ -123,6 +123,26 @@ def test_against_quadrature(tmp_path, kind, box):
     assert median <= 0.005 and p99 <= 0.05, (median, p99)
 
 
+@pytest.mark.parametrize("extinction", [1e-12, 1e-3, 3.0, 30.0, 1e4])
+def test_extremes_of_density(tmp_path, extinction):
+    """Finite, 0 <= T <= 1, V >= 0, and T in the closed form's neighbourhood, however thin or dense the fog."""
+    lights = {**{kind: DESCRIBED[kind] for kind in ("point", "spot", "sun")}, "reflected": {"type": "ambient", "radiance": COLOUR},
+              "area": {**DESCRIBED["area"], "sub_lights": 2}}
+    build = chain(tmp_path, lights, box=True, render={"samples": 4},
+                  fog={"type": "homogeneous", "absorption_coefficient": [0.2 * extinction] * 3,
+                       "scattering_coefficient": [0.8 * extinction] * 3,
+                       "phase_function": {"type": "henyey_greenstein", "asymmetry": 0.9}})
+    t, v, c = (read_map(path) for path in (build.transmittance, build.in_scattering(), build.foggy(".exr")))
+    assert np.isfinite(t).all() and np.isfinite(v).all() and np.isfinite(c).all()
+    eye = np.exp(-extinction * read_map(build.depth).astype(float))[..., None]
+    # half floats on the way of the light and back: 2^-10
+    assert t.min() >= 0 and (t <= eye * 1.001 + 1e-30).all() and v.min() >= 0
+    if extinction == 1e-12:
+        np.testing.assert_allclose(c, 0.5, rtol=1e-3)
+    if extinction >= 30:  # nothing from beyond; the ambient light's part is known
+        assert t.max() < 1e-6 and v.max() > 0.79 * max(COLOUR)
+
+
 def test_lights_together_and_spectral_fog(tmp_path):
     absorption, scattering = [0.02, 0.05, 0.1], [0.1, 0.15, 0.3]
     build = chain(tmp_path, {kind: DESCRIBED[kind] for kind in ("point", "area", "sun")}, box=True,
@@ -144,6 +164,7 @@ def test_composite_is_the_papers_equation(tmp_path):
     build = chain(tmp_path, {"point": DESCRIBED["point"]})
     expected = 0.5 * read_map(build.transmittance) + read_map(build.in_scattering())
     np.testing.assert_allclose(read_map(build.foggy(".exr")), expected, rtol=1e-6)
+    assert read_metadata(build.foggy(".exr"))["fog:medium"] == "homogeneous"
     t = read_map(build.transmittance)
     assert np.isfinite(t).all() and t.min() > 0 and t.max() < 1
 

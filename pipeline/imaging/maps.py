@@ -38,7 +38,7 @@ def write_map(path: str | os.PathLike, array: np.ndarray, metadata: Metadata = {
     # OpenImageIO would write the time of day, and no two builds would have the same bytes
     spec.attribute("DateTime", "1970:01:01 00:00:00")
     for name, value in metadata.items():
-        _set_attribute(spec, name, value)
+        set_attribute(spec, name, value)
     with replacing(Path(path)) as partial:
         output = oiio.ImageOutput.create("openexr")
         succeeded = output.open(str(partial), spec) and output.write_image(np.ascontiguousarray(values))
@@ -93,7 +93,7 @@ def _opened(path: Path) -> oiio.ImageInput:
     return source
 
 
-def _set_attribute(spec: oiio.ImageSpec, name: str, value) -> None:
+def set_attribute(spec: oiio.ImageSpec, name: str, value) -> None:
     if isinstance(value, str):
         spec.attribute(name, value)
     elif isinstance(value, (bool, int, np.integer)):

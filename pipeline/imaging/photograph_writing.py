@@ -11,6 +11,7 @@ import OpenImageIO as oiio
 
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.colour import Encoding, SrgbEncoding
+from pipeline.imaging.maps import Metadata, set_attribute
 from pipeline.imaging.photograph_file import SUFFIXES, Photograph
 
 #: Metadata about pixels as they were stored: false or superfluous beside new pixels. The gain map of
@@ -21,11 +22,13 @@ _STALE_METADATA = ("oiio:", "ICCProfile", "Orientation", "thumbnail", "hdrgm:", 
 _OF_ONE_FORMAT = ("compression", "chromaticities")
 
 
-def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> None:
+def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph,
+          metadata: Metadata = {}) -> None:
     """Writes `radiance`, (H, W, 3) linear, in the kind of `like`; see `Photograph.suffix`.
 
     Alpha and metadata are the photograph's, pixels are upright. JPEG: quality 95 without chroma
-    subsampling. Raises `InputError` if the file cannot be written; then nothing is left behind.
+    subsampling. An EXR carries `metadata` as well. Raises `InputError` if the file cannot be written; then
+    nothing is left behind.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES[like.format]:
@@ -33,7 +36,7 @@ def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> No
     values = encode(radiance, like)
     colours = values.shape[2] - (like.alpha is not None)
     encoding = _fitting_encoding(like, colours)
-    _store(path, values, like, like.format, like.sample_type, encoding.profile)
+    _store(path, values, like, like.format, like.sample_type, encoding.profile, metadata)
 
 
 def write_png(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> None:
@@ -127,7 +130,7 @@ def _fitting_encoding(like: Photograph, channels: int) -> Encoding:
 
 
 def _store(path: Path, values: np.ndarray, like: Photograph, format: str, sample_type: str,
-           profile: bytes | None) -> None:
+           profile: bytes | None, metadata: Metadata = {}) -> None:
     height, width, channels = values.shape
     spec = oiio.ImageSpec(width, height, channels, sample_type)
     names = ("R", "G", "B") if channels >= 3 else ("Y",)
@@ -151,6 +154,9 @@ def _store(path: Path, values: np.ndarray, like: Photograph, format: str, sample
         spec.attribute("compression", "zip")  # never a lossy one
     if format == "openexr" and not spec.get_string_attribute("DateTime"):
         spec.attribute("DateTime", "1970:01:01 00:00:00")  # else the time of day: no two builds alike
+
+    for name, value in metadata.items() if format == "openexr" else ():
+        set_attribute(spec, name, value)
 
     with replacing(path) as partial:
         _reserve(partial, values.nbytes + 1_000_000)

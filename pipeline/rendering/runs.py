@@ -15,6 +15,8 @@ from pipeline.scene.placed import PlacedScene
 #: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
 #: room for a lamp's peak above, and for shadow and dense fog below.
 TARGET_LEVEL = 16.0
+#: Brightest point of the grid: a lamp's glow between its points may be some hundred times as bright.
+HIGHEST_LEVEL = 128.0
 #: A midpoint step of a third of an optical depth is off by h^2/24 = 0.5 %.
 LARGEST_OPTICAL_STEP = 1 / 3
 
@@ -48,7 +50,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
         if not one.rendered:
             continue
         irradiance = _irradiance(scene, light, points)
-        level = irradiance / np.pi * eye * np.exp(-extinction.mean() * one.incident(points)[1])
+        level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
         runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level)))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
@@ -68,7 +70,7 @@ def from_json(data: dict[str, Any]) -> Run:
     return Run(**data)
 
 
-def _grid(scene: PlacedScene, count: int = 9) -> tuple[np.ndarray, np.ndarray]:
+def _grid(scene: PlacedScene, count: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """Surface points (count, count, 3) [m] and ray directions over the photograph."""
     camera = scene.camera.resized(count, count)
     directions = camera.directions(camera.pixel_centres())
@@ -86,6 +88,13 @@ def _irradiance(scene: PlacedScene, light: str, points: np.ndarray) -> np.ndarra
     return scene.lights[light].incident(points)[0]
 
 
+def _path(scene: PlacedScene, light: str, points: np.ndarray) -> np.ndarray:
+    """Way of the light to the points [m] as far as a render counts it: the sun's begins at no known place."""
+    if isinstance(scene.lights[light], Sun):
+        return np.zeros(points.shape[:-1])
+    return scene.lights[light].incident(points)[1]
+
+
 def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray
                    ) -> np.ndarray:
     """Rough, unoccluded V along the grid's rays; phase function taken as even."""
@@ -95,7 +104,7 @@ def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: n
     scattering, extinction = medium.coefficients()[1].mean(), np.add(*medium.coefficients()).mean()
     for k in range(steps):
         sample = eye + (points - eye) * ((k + 0.5) / steps)
-        _, path = scene.lights[light].incident(sample)
+        path = _path(scene, light, sample)
         step = np.linalg.norm(points - eye, axis=-1) / steps
         attenuated = np.exp(-medium.optical_depth(eye, sample).mean(-1) - extinction * path)
         total += _irradiance(scene, light, sample) * attenuated * scattering / (4 * np.pi) * step
@@ -104,9 +113,9 @@ def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: n
 
 def _exposure(level: np.ndarray) -> float:
     """Power of two that brings the 90th percentile to the target; 2^k costs no digits."""
-    bright = float(np.percentile(level, 90))
-    if not bright > 1e-300:
-        bright = float(level.max())
-    if not bright > 1e-300:
+    brightest = float(level.max())
+    if not brightest > 1e-300:
         return 1.0
-    return float(2.0 ** np.clip(np.round(np.log2(TARGET_LEVEL / bright)), -60, 60))
+    # in dense fog what is near outshines the rest by more than a half float spans; it must not overflow
+    wanted = min(TARGET_LEVEL / max(float(np.percentile(level, 90)), 1e-300), HIGHEST_LEVEL / brightest)
+    return float(2.0 ** np.clip(np.round(np.log2(wanted)), -60, 60))

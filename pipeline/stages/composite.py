@@ -32,7 +32,8 @@ def run(build: Build) -> None:
         radiance = with_restored_lamps(radiance, photograph.clipped, read_map(build.surfaces)[..., 1], shown)
     foggy = composite(radiance, read_map(build.transmittance), read_map(build.in_scattering()))
     foggy = foggy.astype(np.float32)
-    write_map(build.foggy(".exr"), foggy, metadata)
-    if photograph.suffix not in (".png", ".exr"):
-        photographs.write(build.foggy(photograph.suffix), foggy, photograph)
+    if photograph.suffix != ".exr":
+        write_map(build.foggy(".exr"), foggy, metadata)
+    if photograph.suffix != ".png":
+        photographs.write(build.foggy(photograph.suffix), foggy, photograph, metadata)
     photographs.write_png(build.foggy(".png"), foggy, photograph)
