@@ -138,7 +138,7 @@ all: $(O)/report.html
 
 # Always looked at, but a part of the scene that did not change keeps its time stamp.
 SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json shapes.json lights.json strengths.json \
-                   illumination.json sun_direction.json templates.json plugins.json demand.json)
+                   illumination.json sun_direction.json exporter.json templates.json plugins.json demand.json)
 FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json render.json gains.json)
 resolve: $(READY) | povray
 	@FOG_MAKE=$$PPID $(PY) -m pipeline resolve
@@ -158,7 +158,7 @@ $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(cal
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 $(S)/illumination.json: $(call beside,$(S)/albedo.exr) $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
-  $(addprefix $(S)/inputs/,illumination.json strengths.json templates.json demand.json) \
+  $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
 $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/render.json \

@@ -193,3 +193,14 @@ def test_one_pass_agrees(tmp_path):
     run(build, stages=("closure",))
     facts = json.loads((build.out / "closure.json").read_text())
     assert facts["median_relative_difference"] <= 0.01, facts
+
+
+def test_units_of_the_renderer_do_not_show(tmp_path):
+    lights = {"point": DESCRIBED["point"], "sun": DESCRIBED["sun"]}
+    build = chain(tmp_path, lights, box=True)
+    maps = [read_map(path) for path in (build.transmittance, build.in_scattering())]
+    run(build, "exporter.units_per_metre=3")
+    assert "Metre       = 3.0" in (build.pov / "in_scattering_sun.pov").read_text()
+    for path, before in zip((build.transmittance, build.in_scattering()), maps):
+        # tolerances of 1e-3 units move shadow edges by up to a sample of a few rays
+        assert np.median(np.abs(read_map(path) / before - 1)) < 1e-3

@@ -67,7 +67,8 @@ def test_polygon_and_cuboid_end_rays_where_python_does(tmp_path):
     polygon = registry("shapes")["polygon"].model_validate(
         {"type": "polygon", "outline": {"points": [[-1.2, 0.1, -0.6], [-0.4, 0.1, -0.9], [-0.4, 1.6, -0.9], [-1.2, 1.6, -0.6],
                                                    [-1.0, 0.8, -0.675]]}})
-    scene = PlacedScene(scene.camera, {**scene.shapes, "leaf": polygon}, {"sky": Ambient(type="ambient")})
+    scene = PlacedScene(scene.camera, {**scene.shapes, "leaf": polygon}, {"sky": Ambient(type="ambient")},
+                        scene.exporter)
     one = Run("veil", "in_scattering", ["sky"], scene.camera.width, scene.camera.height, 4.0, samples=48)
     veil = rendered(tmp_path, one, scene, medium=medium)
     directions = scene.camera.directions(scene.camera.pixel_centres())

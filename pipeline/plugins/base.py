@@ -254,6 +254,10 @@ class Exporter(Plugin):
 
     kind: ClassVar[str] = "exporters"
 
+    def scale(self, extent: float) -> float:
+        """Units of the other program a metre [1/m], for a scene of this radius [m] round the camera."""
+        raise NotImplementedError(type(self).__name__)
+
 
 BASES: dict[str, type[Plugin]] = {
     "shapes": Shape, "lights": Light, "media": Medium,

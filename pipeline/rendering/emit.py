@@ -146,7 +146,7 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
     blocks["lights"] = "\n".join(lights)
     return templates.render(f"{run.kind}.pov", {
         **context, "blocks": blocks, "albedos": albedos or [],
-        "metre": 10.0 ** np.floor(1.5 - np.log10(extent)), "extent": 4 * extent, "backdrop": backdrop,
+        "metre": scene.exporter.scale(extent), "extent": 4 * extent, "backdrop": backdrop,
         "camera": {
             "position": camera.position, "right": camera.world_from_camera[:, 0],
             "down": camera.world_from_camera[:, 1],

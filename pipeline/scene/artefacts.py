@@ -102,7 +102,8 @@ def read_placed(build: Build) -> PlacedScene:
             light = {**light, "direction": directions[name]["sun_direction"]}
         lights[name] = plugin_from_json("lights", light)
     shapes = {name: plugin_from_json("shapes", shape) for name, shape in data["shapes"].items()}
-    return PlacedScene(read_camera(build), shapes, lights)
+    exporter = plugin_from_json("exporters", read_json(build.input("exporter")))
+    return PlacedScene(read_camera(build), shapes, lights, exporter)
 
 
 def read_strengths(build: Build) -> dict[str, np.ndarray]:

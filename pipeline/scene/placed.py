@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.geometry.camera import Camera
-from pipeline.plugins.base import Light, Shape
+from pipeline.plugins.base import Exporter, Light, Shape
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,7 @@ class PlacedScene:
     camera: Camera
     shapes: dict[str, Shape]
     lights: dict[str, Light]
+    exporter: Exporter
 
     def faces(self) -> list[tuple[str, np.ndarray]]:
         """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""

@@ -101,7 +101,7 @@ def _estimate(build: Build, scene: PlacedScene, settings, given: dict, templates
     maps, measured, at_least = _observations(build, scene, settings)
     height, width = maps.surface.shape
     small = scene.camera.resized(width, height)
-    small_scene = PlacedScene(small, scene.shapes, scene.lights)
+    small_scene = replace(scene, camera=small)
     stated = _stated_albedos(scene)
     albedos = {i: stated.get(i, np.full(3, settings.default_albedo)) for i in range(len(scene.faces()))}
     fit = None

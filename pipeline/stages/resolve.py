@@ -39,6 +39,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         "strengths": strengths,
         "gains": gains,
         "illumination": scene.illumination.model_dump(mode="json"),
+        "exporter": scene.exporter.model_dump(mode="json"),
         "sun_direction": scene.sun_direction.model_dump(mode="json"),
         "fog": scene.fog.model_dump(mode="json"),
         "render": scene.render.model_dump(mode="json"),
