@@ -204,3 +204,26 @@ def test_units_of_the_renderer_do_not_show(tmp_path):
     for path, before in zip((build.transmittance, build.in_scattering()), maps):
         # tolerances of 1e-3 units move shadow edges by up to a sample of a few rays
         assert np.median(np.abs(read_map(path) / before - 1)) < 1e-3
+
+
+def test_the_plan_says_why(tmp_path):
+    lights = {"point": DESCRIBED["point"], "reflected": {"type": "ambient", "radiance": COLOUR}}
+    build = chain(tmp_path, lights)
+    said = json.loads(build.plan.read_text())["reasons"]
+    assert "reflected: known in closed form, no render" in said and "no sun: no shaft" in said
+    assert any(line.startswith("point: 72 samples instead of 24: few lights") for line in said), said
+    run(build, "fog.absorption_coefficient=[50,50,50]", stages=("resolve", "plan"))
+    said = json.loads(build.plan.read_text())["reasons"]
+    # 12 optical depths in steps of a third: fewer than a single light gets anyway, and no second reason
+    assert sum(line.startswith("point:") for line in said) == 1, said
+
+
+def test_a_render_that_takes_too_long_is_stopped(tmp_path, capsys):
+    build = chain(tmp_path, {"point": DESCRIBED["point"]})
+    capsys.readouterr()
+    for path in build.basis.glob("irradiance_*.sha256"):
+        path.unlink()
+    run(build, "render.timeout=0.001", stages=("resolve",))
+    assert main(["illumination", "--scene", build.scene, "--scenes", str(build.scenes),
+                 "--build", str(build.builds)]) == 2
+    assert "longer than 0.001 s" in capsys.readouterr().err

@@ -28,6 +28,7 @@ from pydantic_core import PydanticCustomError
 from pipeline.errors import InputError, nearest
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane, polygon_normal
+from pipeline.geometry.raycast import first_hits
 
 KINDS = ("shapes", "lights", "media", "phase_functions", "estimators", "exporters")
 
@@ -147,8 +148,6 @@ class Shape(Plugin):
 
     def intersect(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance [m] (inf where missed) to the first hit of rays (..., 3), and the face's index (-1)."""
-        from pipeline.geometry.raycast import first_hits
-
         return first_hits(origin, directions, list(self.faces().values()))
 
     #: A shape seen from inside only (a room's shell) throws no shadow into itself.

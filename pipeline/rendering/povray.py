@@ -106,13 +106,14 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     return seconds
 
 
-def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], timeout: float = 1800.0) -> list[float]:
-    """`render` of several (pov, image, width, height) at once, each on one thread; seconds each took.
+def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None = None,
+                        timeout: float = 1800.0) -> list[float]:
+    """`render` of several (pov, image, width, height), `threads` at once; seconds each took.
 
     POV-Ray's radiosity gathers its samples in the order in which its threads come by: on several, no two
-    renders are alike. On one they are, and the other cores render the other files.
+    renders are alike. Here each has one, and the other cores render the other files.
     """
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         started = [pool.submit(render, *job, threads=1, timeout=timeout) for job in jobs]
         try:
             return [one.result() for one in started]

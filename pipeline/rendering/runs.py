@@ -43,8 +43,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     points, directions = _grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
     extinction = np.add(*medium.coefficients())
-    deepest = min(FARTHEST_OPTICAL_DEPTH, float(extinction.max()) * 2 * scene.extent())
-    dense = int(np.ceil(deepest / LARGEST_OPTICAL_STEP))
+    dense = dense_samples(scene, medium)
     for light in lights:
         one = scene.lights[light]
         if not one.rendered:
@@ -60,6 +59,12 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size,
                             _exposure(_in_scattering(scene, medium, light, directions, points)), count))
     return runs
+
+
+def dense_samples(scene: PlacedScene, medium: Medium) -> int:
+    """Points along a ray below which a step of it spans too much optical depth."""
+    extinction = float(np.add(*medium.coefficients()).max())
+    return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, extinction * 2 * scene.extent()) / LARGEST_OPTICAL_STEP))
 
 
 def as_json(run: Run) -> dict[str, Any]:

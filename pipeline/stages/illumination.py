@@ -187,14 +187,20 @@ def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, alb
                 irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": 120})
             for light in lights]
     jobs = [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
-    for run, seconds in zip(runs, povray.render_side_by_side(jobs)):
+    for run, seconds in zip(runs, povray.render_side_by_side(jobs, **_limits(build))):
         _tell(run, seconds)
     reflected = [read_map(build.basis / f"{run.id}.exr").astype(float) / run.exposure for run in runs]
     return np.stack(reflected) / np.maximum(of_face, 1e-3)
 
 
 def _render(build: Build, run: Run, text: str) -> None:
-    _tell(run, povray.render(*_written(build, run, text)))
+    _tell(run, povray.render(*_written(build, run, text), **_limits(build)))
+
+
+def _limits(build: Build) -> dict:
+    """Threads and seconds [s] a render may take; they change no pixel, so that Make does not redo it."""
+    settings = read_json(build.input("render"))
+    return {"threads": settings["threads"], "timeout": settings["timeout"]}
 
 
 def _written(build: Build, run: Run, text: str) -> tuple[Path, Path, int, int]:

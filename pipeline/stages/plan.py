@@ -3,33 +3,49 @@
 from __future__ import annotations
 
 from pipeline.paths import Build
-from pipeline.rendering.runs import as_json, fog_runs
+from pipeline.plugins.base import Medium
+from pipeline.rendering.emit import Run
+from pipeline.rendering.runs import as_json, dense_samples, fog_runs
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.scene.placed import PlacedScene
 
 
 def run(build: Build) -> None:
     scene, medium = read_placed(build), read_fog(build)
     settings = read_json(build.input("render"))
-    reasons: list[str] = []
+    lights: list[str] = []
+    runs: list[Run] = []
     if medium.is_clear():
-        lights: list[str] = []
-        reasons.append("the fog extinguishes nothing: no render, the photograph comes back unchanged")
+        reasons = ["the fog extinguishes nothing: no render, the photograph comes back unchanged"]
     else:
         strengths = read_json(build.illumination)["lights"]
         lights = [name for name in scene.lights if max(strengths[name]["strength"]) > 0]
-        reasons += [f"{name}: strength 0, no render" for name in scene.lights if name not in lights]
-    sizes = settings["samples"], settings["in_scattering_size"]
-    runs = fog_runs(scene, medium, lights, *sizes) if lights else []
-    if lights:
-        absorption, scattering = medium.coefficients()
-        if not scattering.max() > 0:
-            reasons.append("the fog scatters nothing: no in-scattering renders, V = 0")
-        samples = max((r.samples for r in runs), default=0)
-        if samples > settings["samples"]:
-            reasons.append(f"dense fog: {samples} samples instead of {settings['samples']}, a third of an"
-                           " optical depth each")
-        if not any(light.type == "sun" for light in scene.lights.values()):
-            reasons.append("no sun: no shaft")
+        runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"])
+        reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in lights]
+        reasons += reasons_for(scene, medium, lights, runs, settings["samples"])
     write_json(build.plan, {
         "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
         "reasons": reasons})
+
+
+def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int
+                ) -> list[str]:
+    """Why the runs are these and no others, one line a choice."""
+    reasons = [f"{name}: known in closed form, no render" for name in lights if not scene.lights[name].rendered]
+    if not medium.coefficients()[1].max() > 0:
+        reasons.append("the fog scatters nothing: no in-scattering renders, V = 0")
+    if not any(light.type == "sun" for light in scene.lights.values()):
+        reasons.append("no sun: no shaft")
+    for one in runs:
+        if one.kind != "in_scattering":
+            continue
+        name, = one.lights
+        if one.width < scene.camera.width:
+            reasons.append(f"{name}: glow at {one.width}x{one.height}, for it is smooth; edges of depth are kept")
+        if one.samples > samples and one.samples == dense_samples(scene, medium):
+            reasons.append(f"{name}: {one.samples} samples instead of {samples}: dense fog, a third of an"
+                           " optical depth each")
+        elif one.samples > samples:
+            reasons.append(f"{name}: {one.samples} samples instead of {samples}: few lights, whose shadow"
+                           " edges nothing blurs")
+    return reasons

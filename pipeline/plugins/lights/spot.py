@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import model_validator
 
+from pipeline.errors import InputError
 from pipeline.plugins.annotations import Position
 from pipeline.plugins.base import Colour, Light, mistake, parameter
 
@@ -40,8 +41,6 @@ class Spot(Light):
         position = self.position.placed(f"{name}.position", world)
         target = self.target.placed(f"{name}.target", world)
         if np.linalg.norm(target.vector - position.vector) < 1e-9:
-            from pipeline.errors import InputError
-
             raise InputError(f"{name}: target and position are the same point {position.point}",
                              remedy="move the target to where the light points")
         return self.model_copy(update={"position": position, "target": target})

@@ -82,7 +82,7 @@ class Sun(Light):
 def shafts(sun: Sun) -> list[dict[str, Any]]:
     """What the template needs of each window/patch pair (Zhao et al. 2013, Fig. 6d).
 
-    planes: (m, 4) outward normals and offsets [m] of the bounding volume, n.x <= c inside.
+    hulls: (m, 4) each, outward normals and offsets [m] of the bounding volume, n.x <= c inside.
     window_point, window_normal: plane at which the sunlight enters the fog, normal into the room.
     lit_openings: the patches, pulled back along the sunlight to the window's plane: light through them
     falls exactly on the annotated patches. shaft_openings: the same for each whole volume, convex.
@@ -102,10 +102,8 @@ def shafts(sun: Sun) -> list[dict[str, Any]]:
         result.append({
             "name": name,
             "hulls": [hull.planes.tolist() for hull in hulls],
-            "hull_vertices": [hull.vertices.tolist() for hull in hulls],
             "window_point": plane.point.tolist(),
             "window_normal": plane.normal.tolist(),
-            "window_cosine": float(direction @ plane.normal),
             "lit_openings": [pulled_back(p).tolist() for p in patches],
             "shaft_openings": [_outline(pulled_back(hull.vertices)).tolist() for hull in hulls],
         })
