@@ -137,9 +137,9 @@ all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
 # Always looked at, but a part of the scene that did not change keeps its time stamp.
-SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json shapes.json lights.json strengths.json \
+SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json depth.json shapes.json lights.json strengths.json \
                    illumination.json sun_direction.json exporter.json templates.json plugins.json demand.json)
-FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json render.json gains.json)
+FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json fog_files.json render.json gains.json)
 resolve: $(READY) | povray
 	@FOG_MAKE=$$PPID $(PY) -m pipeline resolve
 ifeq ($(dry_run),)
@@ -152,7 +152,8 @@ $(S)/photograph.json: $(call beside,$(S)/photograph.exr $(S)/clipped.exr) $(S)/i
 $(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
 	$(run) camera
 $(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.json \
-  $(addprefix $(S)/inputs/,shapes.json lights.json plugins.json) $(call code,geometry,$(geometry))
+  $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
+  $(wildcard pipeline/imaging/edges.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
@@ -161,7 +162,7 @@ $(S)/illumination.json: $(call beside,$(S)/albedo.exr) $(S)/geometry.json $(S)/s
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
-$(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/render.json \
+$(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_files.json $(O)/inputs/render.json \
   pipeline/rendering/runs.py $(call code,plan,$(geometry))
 	$(run) plan
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \

@@ -61,7 +61,7 @@ class Build:
 
     def input(self, part: str) -> Path:
         """One resolved part of the scene file; a part that did not change keeps its time stamp."""
-        folder = self.out if part in ("fog", "render", "gains") else self.shared
+        folder = self.out if part in ("fog", "fog_files", "render", "gains") else self.shared
         return folder / "inputs" / f"{part}.json"
 
     @property
@@ -93,6 +93,14 @@ class Build:
     @property
     def surfaces(self) -> Path:
         return self.shared / "surfaces.exr"
+
+    @property
+    def edges(self) -> Path:
+        return self.shared / "edges.exr"
+
+    def edge_colours(self, side: str) -> Path:
+        """Radiance of the front layer or behind it, at pixels that show two things at once."""
+        return self.shared / f"edges_{side}.exr"
 
     @property
     def sun_direction(self) -> Path:

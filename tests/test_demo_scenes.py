@@ -33,7 +33,7 @@ def placed(request, tmp_path_factory):
     write_json(build.photograph_facts, {"width_pixel": view["width"], "height_pixel": view["height"],
                                         "focal_length_35mm_mm": None})
     data = scene.model_dump(mode="json")
-    for part in ("camera", "shapes", "lights", "sun_direction"):
+    for part in ("camera", "depth", "shapes", "lights", "sun_direction"):
         write_json(build.input(part), data[part])
     camera_stage.run(build)
     geometry_stage.run(build)

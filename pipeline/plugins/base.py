@@ -16,6 +16,7 @@ import importlib
 import importlib.metadata
 import inspect
 import pkgutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -100,6 +101,14 @@ class Plugin(Model):
         """Values that the template needs beyond the plugin's own parameters."""
         return {}
 
+    def files(self) -> list[str]:
+        """Names of the files in the scene's folder that it is made from."""
+        return []
+
+    def loaded(self, read: Callable[[str], bytes]) -> "Plugin":
+        """The same plugin with its files' contents, for `read` gives a file's bytes by its name."""
+        return self
+
 
 @dataclass
 class World:
@@ -162,8 +171,11 @@ class Light(Plugin):
 
     kind: ClassVar[str] = "lights"
     strength_name: ClassVar[str]
-    #: Whether POV-Ray renders it; a light that is not has `in_scattering` in closed form.
-    rendered: ClassVar[bool] = True
+    #: Where POV-Ray renders its T and V. Elsewhere `in_scattering` and `arrival` give them without shadows,
+    #: and a pair of small renders what shadows take away from V where `shaded` says that they may.
+    rendered: ClassVar[Literal["always", "indoors", "never"]] = "always"
+    #: Whether its template states light sources, so that it can be rendered alone on the photograph's surfaces.
+    light_source: ClassVar[bool] = True
     gain: float = parameter(1.0, "1", ge=0, le=1e6, allow_inf_nan=False,
                             description="relights the fog: scales this light after estimation")
 
@@ -182,13 +194,30 @@ class Light(Plugin):
         """POV-Ray lights that it is stated as; what a render costs grows with it."""
         return 1
 
-    def in_scattering(self, scattering: np.ndarray, extinction: np.ndarray,
-                      optical_depth: np.ndarray) -> np.ndarray:
-        """V (..., 3) at unit strength of a light without renders, by coefficients (3,) and tau (..., 3)."""
+    def in_scattering(self, medium: "Medium", eye: np.ndarray, directions: np.ndarray, depth: np.ndarray
+                      ) -> np.ndarray:
+        """Unoccluded V (..., 3) at unit strength, along unit rays (..., 3) from `eye` (3,) to depth (...) [m]."""
         raise NotImplementedError(type(self).__name__)
 
-    def entry_path(self, points: np.ndarray) -> np.ndarray:
-        """Path [m], (...), through fog to directly lit points, as the transmittance render leaves it out."""
+    def arrival(self, medium: "Medium", points: np.ndarray, normals: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+        """What arrives at surfaces (..., 3) [m] without shadows, at unit strength, for T.
+
+        Irradiance (...) on the side of `normals` (..., 3), and the light's transmittance (..., 3) on its way.
+        """
+        raise NotImplementedError(type(self).__name__)
+
+    def shaded(self) -> bool:
+        """Whether things in the photograph may keep it from the fog, for a light that is not rendered."""
+        return False
+
+    def shaded_part(self, eye: np.ndarray) -> "Light":
+        """The light, or that part of it, whose shadows are worth a render."""
+        return self
+
+    def entry_path(self, points: np.ndarray, medium: "Medium") -> np.ndarray:
+        """Integral of the relative density [m], (...), on the light's way to directly lit points, as far as the
+        transmittance render leaves it out."""
         return np.zeros(np.shape(points)[:-1])
 
     def incident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -213,8 +242,8 @@ class Medium(Plugin):
     """Fog: spectral coefficients times a relative density in space.
 
     Templates state the macros `Fog_Extinction()` and `Fog_Scattering(Samples)` (media statements), the colour
-    `Fog_Scatter` [1/m], and for the sun's shafts (`run.shafts`) the functions `Fog_Density(X, Y, Z)` and
-    `Fog_Density_Path(X0, Y0, Z0, X1, Y1, Z1)` [m], its integral along a segment.
+    `Fog_Scatter` [1/m], and for light that comes from outside the fog (`run.shafts`) the functions
+    `Fog_Density(X, Y, Z)` and `Fog_Density_Path(X0, Y0, Z0, X1, Y1, Z1)` [m], its integral along a segment.
     """
 
     kind: ClassVar[str] = "media"
@@ -223,9 +252,41 @@ class Medium(Plugin):
         """absorption_coefficient, scattering_coefficient, each (3,) [1/m], where relative density is 1."""
         raise NotImplementedError(type(self).__name__)
 
+    def density(self, points: np.ndarray) -> np.ndarray:
+        """Relative density at `points` (..., 3) [m], (...)."""
+        return np.ones(np.shape(points)[:-1])
+
     def density_path(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Integral of the relative density from `origin` to `points`, (...) [m]."""
+        """Integral of the relative density from `origin`, (3,) or (..., 3), to `points`, (...) [m]."""
         raise NotImplementedError(type(self).__name__)
+
+    def density_along(self, origin: np.ndarray, directions: np.ndarray, distances: np.ndarray) -> np.ndarray:
+        """Integral of the relative density from `origin` to each of (..., n) rising distances, (..., n) [m].
+
+        `directions` (..., 3). A medium whose integral is numerical overrides this with one pass along the ray.
+        """
+        points = origin + directions[..., None, :] * distances[..., None]
+        return self.density_path(np.broadcast_to(np.asarray(origin, float), points.shape), points)
+
+    def daylight_path(self, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Integral of the relative density, (...) [m], on the way of light from outside the fog to `points`.
+
+        direction (3,) or (..., 3): in which the light travels. 0 where the fog has no top: then what the
+        photograph shows of sun and sky has crossed all of it already.
+        """
+        return np.zeros(np.broadcast_shapes(np.shape(points), np.shape(direction))[:-1])
+
+    def top(self) -> float | None:
+        """Height [m] above which there is no fog, or None where it has no end."""
+        return None
+
+    def longest_step(self) -> float:
+        """Length [m] of a midpoint rule's steps that still follow the density along a ray; inf where it is even."""
+        return float("inf")
+
+    def side_files(self) -> dict[str, bytes]:
+        """Files that the medium's statement reads, by name; they are written beside the `.pov` files."""
+        return {}
 
     def phase(self) -> PhaseFunction:
         return self.phase_function

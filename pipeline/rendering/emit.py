@@ -16,6 +16,7 @@ from jinja2.sandbox import SandboxedEnvironment
 
 from pipeline import paths
 from pipeline.errors import InputError
+from pipeline.imaging.atomic import replacing
 from pipeline.plugins.base import Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
 from pipeline.scene.placed import PlacedScene
@@ -23,6 +24,8 @@ from pipeline.scene.placed import PlacedScene
 MAX_TEMPLATE_BYTES = 1_000_000
 #: Optical depth beyond which nothing reaches the eye: exp(-12) is 6e-6 of what is nearer.
 FARTHEST_OPTICAL_DEPTH = 12.0
+#: Rays across the photograph that tell how far one sees through uneven fog.
+SIGHTS = 16
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
     facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width,
              "height": run.height,
              "exposure": run.exposure, "samples": run.samples, "shafts": shafts,
-             "scatters": not shafts and all(scene.lights[name].rendered for name in run.lights),
+             "scatters": not shafts and all(scene.lights[name].light_source for name in run.lights),
              **run.options}
     context: dict[str, Any] = {"run": facts, "channels": []}
     backdrop = 2 * extent
@@ -126,7 +129,7 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         blocks["medium"] = templates.of_plugin(medium.phase(), context) + templates.of_plugin(
             medium, {**context, "absorption": absorption.tolist(), "scattering": scattering.tolist()})
         if run.kind == "in_scattering" and extinction.min() > 0:
-            backdrop = min(backdrop, FARTHEST_OPTICAL_DEPTH / float(extinction.min()))
+            backdrop = min(backdrop, farthest_seen(scene, medium))
     index, statements = 0, []
     for name, shape in scene.shapes.items():
         faces = []
@@ -134,7 +137,8 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             faces.append({"name": f"{name}.{face}", "corners": corners.tolist(), "index": index})
             index += 1
         text = templates.of_plugin(shape, {**context, "name": name, "faces": faces})
-        statements.append(text if shape.casts_shadow else _without_shadow(text))
+        shadows = shape.casts_shadow and run.options.get("shadows", True)
+        statements.append(text if shadows else _without_shadow(text))
     blocks["shapes"] = "\n".join(statements)
     lights = []
     for name in run.lights:
@@ -142,7 +146,8 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         light_facts = {**facts, "exposure": _vector(exposure) if strengths else exposure}
         if strengths:
             lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
-        lights.append(templates.of_plugin(scene.lights[name], {**context, "run": light_facts, "name": name}))
+        light = scene.lights[name] if "shadows" not in run.options else scene.lights[name].shaded_part(camera.position)
+        lights.append(templates.of_plugin(light, {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
     return templates.render(f"{run.kind}.pov", {
         **context, "blocks": blocks, "albedos": albedos or [],
@@ -152,6 +157,35 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             "down": camera.world_from_camera[:, 1],
             "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
             "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
+
+
+def write_side_files(folder: Path, medium: Medium) -> list[str]:
+    """Puts the files that the medium's statement reads beside the `.pov` files of `folder`; their names."""
+    files = medium.side_files()
+    for name, data in files.items():
+        path = folder / paths.checked_name(name, "side file")
+        if not path.exists() or path.read_bytes() != data:
+            with replacing(path) as partial:
+                partial.write_bytes(data)
+    return list(files)
+
+
+def farthest_seen(scene: PlacedScene, medium: Medium) -> float:
+    """Distance [m] beyond which no ray of the photograph brings light through the fog, twice the scene's radius at
+    most."""
+    extinction, longest = float(np.add(*medium.coefficients()).min()), 2 * scene.extent()
+    if not extinction > 0:
+        return longest
+    if medium.longest_step() == np.inf:
+        return min(longest, FARTHEST_OPTICAL_DEPTH / extinction)
+    camera = scene.camera.resized(SIGHTS, SIGHTS)
+    directions = camera.directions(camera.pixel_centres())
+    # halving: what is seen clearly lies far beyond what lies in fog
+    distances = longest * 2.0 ** np.arange(-20, 1)
+    paths = medium.density_along(camera.position, directions, np.broadcast_to(
+        distances, (*directions.shape[:-1], len(distances))))
+    through = (extinction * paths < FARTHEST_OPTICAL_DEPTH).any(axis=(0, 1))
+    return float(distances[min(int(through.sum()), len(distances) - 1)])
 
 
 def _channels(extinction: np.ndarray) -> list[dict[str, Any]]:

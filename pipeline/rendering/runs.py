@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from pipeline.plugins.base import Medium
 from pipeline.plugins.lights.sun import Sun
-from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, Run
+from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, Run, farthest_seen
 from pipeline.scene.placed import PlacedScene
 
 #: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
@@ -20,8 +20,14 @@ HIGHEST_LEVEL = 128.0
 #: A midpoint step of a third of an optical depth is off by h^2/24 = 0.5 %.
 LARGEST_OPTICAL_STEP = 1 / 3
 
+#: Kinds of the two small renders that tell what shadows take from a light whose V is known without them.
+SHADED, UNSHADED = "shaded", "unshaded"
 #: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
 SINGLE_LIGHT_SAMPLES = 3
+#: Most samples that uneven fog asks for. Each sample of V is lit through as many again, those of T are few.
+MOST_SAMPLES = {"in_scattering": 128, "transmittance": 512}
+#: V adds up many samples, whose errors cancel, and light paths besides: its steps may be so much longer than T's.
+STEPS_OF = {"in_scattering": 2.0, "transmittance": 1.0}
 
 
 def irradiance_run(scene: PlacedScene, light: str) -> Run:
@@ -43,14 +49,21 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     points, directions = _grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
     extinction = np.add(*medium.coefficients())
-    dense = dense_samples(scene, medium)
+    dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
     for light in lights:
         one = scene.lights[light]
-        if not one.rendered:
+        if scene.shaded(light) and medium.coefficients()[1].max() > 0:
+            part = replace(scene, lights={light: one.shaded_part(scene.camera.position)})
+            exposure = _exposure(_in_scattering(part, medium, light, directions, points))
+            count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
+            runs += [Run(f"{kind}_{light}", "in_scattering", [light], *small, exposure, count,
+                         {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
+        if not scene.rendered(light):
             continue
         irradiance = _irradiance(scene, light, points)
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
-        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level)))
+        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level),
+                        uneven_samples(scene, medium, "transmittance")))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
             size = (width, height) if isinstance(one, Sun) else small
@@ -64,7 +77,20 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
 def dense_samples(scene: PlacedScene, medium: Medium) -> int:
     """Points along a ray below which a step of it spans too much optical depth."""
     extinction = float(np.add(*medium.coefficients()).max())
-    return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, extinction * 2 * scene.extent()) / LARGEST_OPTICAL_STEP))
+    depth = extinction * 2 * scene.extent()
+    if medium.longest_step() == np.inf:
+        return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, depth) / LARGEST_OPTICAL_STEP))
+    # one ray may end in fog where another sees far
+    return int(np.ceil(min(depth / LARGEST_OPTICAL_STEP, MOST_SAMPLES["in_scattering"])))
+
+
+def uneven_samples(scene: PlacedScene, medium: Medium, kind: str) -> int:
+    """Points along a ray below which a step of it would miss how the fog's density varies."""
+    step = medium.longest_step()
+    if step == np.inf:
+        return 1
+    longest = min(scene.extent(), farthest_seen(scene, medium))
+    return int(np.clip(np.ceil(longest / (STEPS_OF[kind] * step)), 1, MOST_SAMPLES[kind]))
 
 
 def as_json(run: Run) -> dict[str, Any]:

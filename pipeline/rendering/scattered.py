@@ -1,19 +1,42 @@
-"""What the runs of a fog say: V of each light, and T of any lights together."""
+"""What the runs and closed forms of a fog say: V of each light, and T of any lights together."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pipeline.geometry.normals import surface_normals
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
+from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.upsampling import upsample
-from pipeline.rendering.runs import from_json
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths
+from pipeline.rendering.runs import SHADED, UNSHADED, from_json
+from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
 FEWEST_DIGITS = 6e-4
+#: Share of the strongest V without shadows below which a ratio of two half floats says nothing.
+LEAST_UNSHADED = 1e-5
+
+
+@dataclass(frozen=True)
+class View:
+    """Rays that end at given depths: the whole photograph's, or some of its pixels' once more.
+
+    depth (...) [m], directions, points, normals (..., 3), optical_depth (..., 3). full_depth (H, W) [m]: the
+    depth map that it belongs to; where: the pixels' indices in that, an Ellipsis for all of them.
+    """
+
+    full_depth: np.ndarray
+    where: object
+    depth: np.ndarray
+    directions: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    optical_depth: np.ndarray
 
 
 class Scattered:
@@ -24,56 +47,109 @@ class Scattered:
         self.strengths = read_strengths(build)
         self.runs = {data["id"]: from_json(data) for data in read_json(build.plan)["runs"]}
         self.depth = read_map(build.depth).astype(float)
-        camera = self.scene.camera
-        self.points = camera.position + self.depth[..., None] * camera.directions(camera.pixel_centres())
-        self.optical_depth = self.medium.optical_depth(camera.position, self.points)
         self.extinction = np.add(*self.medium.coefficients())
+        surfaces = read_map(build.surfaces)
+        #: the photograph shows a lamp or the open sky there: only the way to the eye counts
+        self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
+        self.edges = read_edges(build)
+        front = self.depth if self.edges is None else self.edges.front_depth
+        self.front = self._view(front, ...)
+        self.behind = None
+        if self.edges is not None and self.edges.mixed.any():
+            self.behind = self._view(self.edges.behind_depth, np.nonzero(self.edges.mixed))
+
+    def _view(self, depth: np.ndarray, where) -> View:
+        camera, medium = self.scene.camera, self.medium
+        directions = camera.directions(camera.pixel_centres())
+        points = camera.position + depth[..., None] * directions
+        normals = surface_normals(points, camera.position) if self.scene.outdoors else None
+        points, chosen = points[where], directions[where]
+        return View(depth, where, depth[where], chosen, points,
+                    normals[where] if normals is not None else -chosen,
+                    medium.optical_depth(camera.position, points))
 
     def by(self, light: str) -> np.ndarray:
         """In-scattering V of one light at its strength, (H, W, 3)."""
-        one, camera = self.scene.lights[light], self.scene.camera
-        if not one.rendered:
-            scattering = self.medium.coefficients()[1]
-            return self.strengths[light] * one.in_scattering(scattering, self.extinction, self.optical_depth)
-        if f"in_scattering_{light}" not in self.runs:
-            return np.zeros((*self.depth.shape, 3))
-        rendered = self._image(f"in_scattering_{light}")
-        if rendered.shape[:2] != self.depth.shape:
-            coarse = camera.resized(rendered.shape[1], rendered.shape[0])
-            coarse_depth = visible(coarse, self.scene.shapes, self.scene.lights)[0]
-            rendered = upsample(rendered, coarse_depth, self.depth)
-        return self.strengths[light] * rendered / self.runs[f"in_scattering_{light}"].exposure
+        total = self._by(light, self.front)
+        if self.behind is not None:
+            where, alpha = self.behind.where, self.edges.alpha[self.behind.where][..., None]
+            total[where] = alpha * total[where] + (1 - alpha) * self._by(light, self.behind)
+        return self.strengths[light] * total
 
     def transmittance(self, lights: list[str]) -> np.ndarray:
         """T of the light that these lights together reflect from each surface, (H, W, 3)."""
-        eye = np.exp(-self.optical_depth)
+        total = self._transmittance(lights, self.front)
+        if self.behind is not None:
+            where, edges = self.behind.where, self.edges
+            total[where] = layers.mixed_transmittance(
+                edges.alpha[where], edges.front[where], edges.behind[where], total[where],
+                self._transmittance(lights, self.behind))
+        return total
+
+    def _by(self, light: str, view: View) -> np.ndarray:
+        """V at unit strength."""
+        one, eye = self.scene.lights[light], self.scene.camera.position
+        if not self.medium.coefficients()[1].max() > 0:
+            return np.zeros((*view.depth.shape, 3))
+        if self.scene.rendered(light):
+            run = self.runs[f"in_scattering_{light}"]
+            return self._enlarged(run.id, view) / run.exposure
+        unoccluded = np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
+        if f"{SHADED}_{light}" not in self.runs:
+            return unoccluded
+        part = one.shaded_part(eye)
+        whole = unoccluded if part is one else part.in_scattering(self.medium, eye, view.directions, view.depth)
+        return unoccluded - whole * (1 - self._unshadowed_share(light, view))
+
+    def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
+        """What shadows leave of the light's V, from two renders whose sampling errors cancel."""
+        shaded, unshaded = (self._enlarged(f"{kind}_{light}", view) for kind in (SHADED, UNSHADED))
+        known = unshaded > LEAST_UNSHADED * max(float(unshaded.max()), 1e-300)
+        return np.where(known, np.clip(shaded / np.where(known, unshaded, 1.0), 0, 1), 1.0)
+
+    def _enlarged(self, run: str, view: View) -> np.ndarray:
+        rendered = self._image(run)
+        if rendered.shape[:2] != self.depth.shape:
+            coarse = self.scene.camera.resized(rendered.shape[1], rendered.shape[0])
+            coarse_depth = visible(coarse, self.scene.shapes, self.scene.lights)[0]
+            coarse_depth = np.where(np.isfinite(coarse_depth), coarse_depth, float(view.full_depth.max()))
+            rendered = upsample(rendered, coarse_depth, view.full_depth)
+        return rendered[view.where]
+
+    def _transmittance(self, lights: list[str], view: View) -> np.ndarray:
+        eye = np.exp(-view.optical_depth)
         clear, reduced, indirect, indirect_reduced = [], [], [], []
         for light in lights:
-            irradiance, path = self.scene.lights[light].incident(self.points)
-            on_the_way = np.exp(-self.extinction * path[..., None])
-            d, f = self._direct(light, eye, on_the_way, irradiance)
+            d, f, i, on_the_way = self._arriving(light, eye, view)
             clear.append(d)
             reduced.append(f)
-            indirect.append(irradiance[..., None] / np.pi)
-            indirect_reduced.append(indirect[-1] * eye * on_the_way)
+            indirect.append(i)
+            indirect_reduced.append(i * eye * on_the_way)
         together = combined_transmittance(eye, clear, reduced, indirect, indirect_reduced,
                                           [self.strengths[light] for light in lights])
-        shows_emitter = read_map(self.build.surfaces)[..., 1] >= 0
-        return np.where(shows_emitter[..., None], eye, together)
+        return np.where(self.without_surface[view.where][..., None], eye, together)
 
-    def _direct(self, light, eye, on_the_way, irradiance) -> tuple[np.ndarray, np.ndarray]:
-        """Irradiance/pi (H, W, 3) of one light at unit strength, without fog and with it on both ways."""
+    def _arriving(self, light: str, eye: np.ndarray, view: View):
+        """Irradiance/pi (..., 3) at unit strength, direct without fog and with it on both ways, indirect, and
+        the transmittance of the light's way."""
         one = self.scene.lights[light]
-        if not one.rendered:
+        if not self.scene.rendered(light):
+            irradiance, on_the_way = one.arrival(self.medium, view.points, view.normals)
             clear = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
-            return clear, clear * eye * on_the_way
-        basis = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)
+            return clear, clear * eye * on_the_way, clear, on_the_way
+        irradiance, path = one.incident(view.points)
+        # light that comes by reflection crosses fog about as dense as what lies before the eye
+        length = np.linalg.norm(view.points - self.scene.camera.position, axis=-1)
+        mean = self.medium.density_path(self.scene.camera.position, view.points) / np.maximum(length, 1e-12)
+        on_the_way = np.exp(-self.extinction * (mean * path)[..., None])
+        indirect = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
+        basis = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)[view.where]
         clear = basis / read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]
-        fogged = self._image(f"transmittance_{light}")
-        entry = np.exp(-self.extinction * one.entry_path(self.points)[..., None])
+        fogged = self._image(f"transmittance_{light}")[view.where]
+        entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
-        return clear, np.where(digits, reduced, clear * eye * on_the_way)
+        return clear, np.where(digits, reduced, clear * eye * on_the_way), indirect, on_the_way
 
     def _image(self, run: str) -> np.ndarray:
         return read_map(self.build.runs / f"{run}.exr").astype(float)

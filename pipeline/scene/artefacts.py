@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,13 @@ from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.imaging import photograph as photographs
 from pipeline.imaging.atomic import replacing
+from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Plugin, registry
 from pipeline.scene.placed import PlacedScene
 
+#: Of a density grid or a painted label image.
+MAX_FILE_BYTES = 512 * 2**20
 REMAKE = "remove the scene's build folder and run make again"
 
 
@@ -103,7 +107,7 @@ def read_placed(build: Build) -> PlacedScene:
         lights[name] = plugin_from_json("lights", light)
     shapes = {name: plugin_from_json("shapes", shape) for name, shape in data["shapes"].items()}
     exporter = plugin_from_json("exporters", read_json(build.input("exporter")))
-    return PlacedScene(read_camera(build), shapes, lights, exporter)
+    return PlacedScene(read_camera(build), shapes, lights, exporter, data.get("outdoors", False))
 
 
 def read_strengths(build: Build) -> dict[str, np.ndarray]:
@@ -114,7 +118,56 @@ def read_strengths(build: Build) -> dict[str, np.ndarray]:
 
 
 def read_fog(build: Build):
-    return plugin_from_json("media", read_json(build.input("fog")))
+    """The fog, with the contents of the files in the scene's folder that it is made from."""
+    return plugin_from_json("media", read_json(build.input("fog"))).loaded(
+        lambda name: read_file(build, name))
+
+
+def read_file(build: Build, name: str) -> bytes:
+    """Contents of a file of the scene's folder."""
+    path = inside(build, name)
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"has {path.stat().st_size} bytes", place=str(path),
+                             remedy=f"keep it below {MAX_FILE_BYTES} bytes")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", place=str(path),
+                         remedy="correct the file's name in the scene file") from None
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Pixels that show two things at once: a share `alpha` (H, W) of what is in front, the rest of what is behind.
+
+    front_depth, behind_depth (H, W) [m]; front, behind (H, W, 3) radiance, which mix to the photograph.
+    """
+
+    alpha: np.ndarray
+    front_depth: np.ndarray
+    behind_depth: np.ndarray
+    front: np.ndarray
+    behind: np.ndarray
+
+    @property
+    def mixed(self) -> np.ndarray:
+        return (self.alpha < 1) & (self.front_depth != self.behind_depth)
+
+
+def write_edges(build: Build, edges: Edges) -> None:
+    write_map(build.edges, np.stack([edges.alpha, edges.front_depth, edges.behind_depth], -1),
+              {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"})
+    write_map(build.edge_colours("front"), edges.front, {"fog:content": "radiance of the front layer"})
+    write_map(build.edge_colours("behind"), edges.behind, {"fog:content": "radiance behind the front layer"})
+
+
+def read_edges(build: Build) -> Edges | None:
+    """None where every pixel shows one thing."""
+    if not build.edges.exists():
+        return None
+    alpha, front, behind = np.moveaxis(read_map(build.edges).astype(float), -1, 0)
+    return Edges(alpha, front, behind, *(read_map(build.edge_colours(side)).astype(float)
+                                         for side in ("front", "behind")))
 
 
 def read_photograph(build: Build) -> photographs.Photograph:

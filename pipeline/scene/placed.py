@@ -12,12 +12,26 @@ from pipeline.plugins.base import Exporter, Light, Shape
 
 @dataclass(frozen=True)
 class PlacedScene:
-    """A scene in world metres: what exporters see."""
+    """A scene in world metres: what exporters see.
+
+    outdoors: the photograph's depth comes from regions or a map, and the shapes stand in for it.
+    """
 
     camera: Camera
     shapes: dict[str, Shape]
     lights: dict[str, Light]
     exporter: Exporter
+    outdoors: bool = False
+
+    def rendered(self, light: str) -> bool:
+        """Whether POV-Ray renders the light's T and V, rather than closed forms."""
+        where = self.lights[light].rendered
+        return where == "always" or (where == "indoors" and not self.outdoors)
+
+    def shaded(self, light: str) -> bool:
+        """Whether a light that is not rendered needs renders of what shadows take from its V."""
+        return (not self.rendered(light) and self.lights[light].shaded()
+                and any(shape.casts_shadow for shape in self.shapes.values()))
 
     def faces(self) -> list[tuple[str, np.ndarray]]:
         """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""

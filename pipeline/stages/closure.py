@@ -20,7 +20,7 @@ from pipeline.physics.composition import composite
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering import povray
 from pipeline.rendering.scattered import Scattered
-from pipeline.rendering.emit import Run, Templates, emit
+from pipeline.rendering.emit import Run, Templates, emit, write_side_files
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths, write_json
 
 
@@ -34,7 +34,7 @@ def run(build: Build) -> None:
     strengths = {name: strength.tolist() for name, strength in read_strengths(build).items()}
     albedos = [illumination["face_albedo"].get(face, [0.5] * 3) for face, _ in scene.faces()]
     suns = [name for name in plan["lights"] if isinstance(scene.lights[name], Sun)]
-    lamps = [name for name in plan["lights"] if name not in suns and scene.lights[name].rendered]
+    lamps = [name for name in plan["lights"] if name not in suns and scene.rendered(name)]
     scattered = Scattered(build)
     depth, transmittance = scattered.depth, scattered.transmittance(lamps + suns)
     in_scattering = sum(scattered.by(light) for light in lamps + suns)
@@ -51,6 +51,7 @@ def run(build: Build) -> None:
     photograph, foggy = np.zeros((height, width, 3)), np.zeros((height, width, 3))
     folder = build.out / "closure"
     folder.mkdir(parents=True, exist_ok=True)
+    write_side_files(folder, medium)
     for group, container in ((lamps, None), (suns, _room(scene))):
         if not group:
             continue

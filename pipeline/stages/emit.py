@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build
-from pipeline.rendering.emit import Templates, emit
+from pipeline.rendering.emit import Templates, emit, write_side_files
 from pipeline.rendering.runs import from_json
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
 
@@ -19,7 +19,9 @@ def run(build: Build) -> None:
         wanted.append(f"{planned.id}.pov")
         with replacing(build.pov / wanted[-1]) as name:
             name.write_text(text, encoding="utf-8")
-    for old in build.pov.glob("*.pov"):
+    if wanted:
+        wanted += write_side_files(build.pov, medium)
+    for old in [*build.pov.glob("*.pov"), *build.pov.glob("*.df3")]:
         if old.name not in wanted:
             old.unlink()
     write_json(build.pov / "emitted.json", wanted)

@@ -1,6 +1,8 @@
-"""Annotated shapes and lights -> geometry.json (world metres), depth.exr, surfaces.exr.
+"""Annotated shapes, lights and depth -> geometry.json (world metres), depth.exr, surfaces.exr, edges.exr.
 
 surfaces.exr: R the index of the visible face, G the index of the light whose emitter is visible, -1 for none.
+Outdoors, where the photograph's depth comes from regions or a map, the shapes stand in for it: solid things of
+about that depth, for shadows and for light that bounces.
 """
 
 from __future__ import annotations
@@ -8,24 +10,46 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.geometry.planes import Plane
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import World
-from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, scene_place, write_json
+from pipeline.scene.artefacts import (
+    plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
 
 
 def run(build: Build) -> None:
     camera = read_camera(build)
     world = World(camera)
+    described = read_json(build.input("depth"))
+    open_air = None
+    if described is not None:
+        from pipeline.scene.outdoors import outdoors
+        world.planes["ground"] = Plane.across("y", 0.0)
+        try:
+            open_air = outdoors(build, camera, described)
+        except InputError as error:
+            raise error.at(scene_place(build, "depth")) from None
+        world.planes |= open_air.planes
+        world.messages += open_air.messages
     shapes = _placed(build, "shapes", world)
     lights = _placed(build, "lights", world)
+    facts = {"outdoors": open_air is not None}
     depth, face, emitter = visible(camera, shapes, lights)
     missed = ~np.isfinite(depth)
-    if missed.all():
+    build.edges.unlink(missing_ok=True)
+    if open_air is not None:
+        standing_in, depth, face = open_air.joined(shapes, depth, face, emitter)
+        edges = open_air.edges_beside(depth)
+        shapes = {**shapes, **standing_in}
+        write_edges(build, edges)
+        facts |= {"ground_faces": open_air.ground_faces, "sky_depth_m": open_air.sky_depth,
+                  "regions": open_air.facts}
+    elif missed.all():
         raise InputError("no ray of the camera meets any shape", place=str(build.scene_file),
                          remedy="check the camera's position and the room's corners")
-    if missed.any():
+    elif missed.any():
         world.messages.append(f"{missed.mean():.1%} of the pixels look past all shapes; fog ends there at the"
                               " farthest depth")
         depth = np.where(missed, depth[~missed].max(), depth)
@@ -34,7 +58,7 @@ def run(build: Build) -> None:
     write_map(build.surfaces, np.stack([face, emitter, np.zeros_like(face)], -1).astype(np.float32),
               {"fog:content": "R: face index; G: visible light's index; -1: none"})
     write_json(build.geometry, {
-        "shapes": shapes, "lights": lights,
+        **facts, "shapes": shapes, "lights": lights,
         "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],
         "residuals_pixel": world.residuals, "messages": world.messages})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pipeline.paths import Build
 from pipeline.plugins.base import Medium
 from pipeline.rendering.emit import Run
-from pipeline.rendering.runs import as_json, dense_samples, fog_runs
+from pipeline.rendering.runs import MOST_SAMPLES, as_json, dense_samples, fog_runs, uneven_samples
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
 from pipeline.scene.placed import PlacedScene
 
@@ -31,21 +31,37 @@ def run(build: Build) -> None:
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int
                 ) -> list[str]:
     """Why the runs are these and no others, one line a choice."""
-    reasons = [f"{name}: known in closed form, no render" for name in lights if not scene.lights[name].rendered]
+    reasons = []
+    for name in lights:
+        if scene.shaded(name):
+            reasons.append(shadow_reason(scene, name))
+        elif not scene.rendered(name):
+            reasons.append(f"{name}: known in closed form, no render")
     if not medium.coefficients()[1].max() > 0:
         reasons.append("the fog scatters nothing: no in-scattering renders, V = 0")
-    if not any(light.type == "sun" for light in scene.lights.values()):
+    if not scene.outdoors and not any(light.type == "sun" for light in scene.lights.values()):
         reasons.append("no sun: no shaft")
     for one in runs:
-        if one.kind != "in_scattering":
+        if one.kind != "in_scattering" or "shadows" in one.options:
             continue
         name, = one.lights
         if one.width < scene.camera.width:
             reasons.append(f"{name}: glow at {one.width}x{one.height}, for it is smooth; edges of depth are kept")
-        if one.samples > samples and one.samples == dense_samples(scene, medium):
+        if one.samples > samples and one.samples == uneven_samples(scene, medium, one.kind):
+            few = one.samples == MOST_SAMPLES[one.kind]
+            reasons.append(f"{name}: {one.samples} samples instead of {samples}: steps that follow how the fog varies"
+                           + (f", as near to {medium.longest_step():.2g} m as is affordable" if few else ""))
+        elif one.samples > samples and one.samples == dense_samples(scene, medium):
             reasons.append(f"{name}: {one.samples} samples instead of {samples}: dense fog, a third of an"
                            " optical depth each")
         elif one.samples > samples:
             reasons.append(f"{name}: {one.samples} samples instead of {samples}: few lights, whose shadow"
                            " edges nothing blurs")
     return reasons
+
+
+def shadow_reason(scene: PlacedScene, name: str) -> str:
+    light = scene.lights[name]
+    part, count = light.shaded_part(scene.camera.position), light.sub_light_count()
+    few = f" of the {part.sub_light_count()} strongest of {count}" if part is not light else ""
+    return f"{name}: V without shadows by quadrature; two small renders tell what shadows{few} take from it"

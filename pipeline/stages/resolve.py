@@ -34,6 +34,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         "photograph": {**scene.photograph.model_dump(mode="json"),
                        "sha256": _sha256(photograph, photograph_at)},
         "camera": scene.camera.model_dump(mode="json"),
+        "depth": _depth(build, scene, text),
         "shapes": {name: shape.model_dump(mode="json") for name, shape in scene.shapes.items()},
         "lights": lights,
         "strengths": strengths,
@@ -42,6 +43,8 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         "exporter": scene.exporter.model_dump(mode="json"),
         "sun_direction": scene.sun_direction.model_dump(mode="json"),
         "fog": scene.fog.model_dump(mode="json"),
+        "fog_files": {name: _sha256(inside(build, name, text.place(("fog",))), text.place(("fog",)))
+                      for name in scene.fog.files()},
         "render": scene.render.model_dump(mode="json"),
     }
     if scene.camera.fspy:
@@ -55,6 +58,15 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
     write_json_if_changed(build.lines, {".".join(keys): line for keys, line in text.lines.items()
                                         if all(isinstance(key, str) for key in keys)})
     return scene
+
+
+def _depth(build: Build, scene: Model, text) -> dict | None:
+    """The depth section, with the contents' hashes of the files that it names."""
+    if getattr(scene, "depth", None) is None:
+        return None
+    at = text.place(("depth",))
+    return {**scene.depth.model_dump(mode="json", by_alias=True),
+            "sha256": {name: _sha256(inside(build, name, at), at) for name in scene.depth.files()}}
 
 
 def _was_demanded(build: Build) -> bool:

@@ -1,4 +1,4 @@
-"""Windows and their sunlit patches -> sun_direction.json."""
+"""Windows and their patches, shadows, or date and place -> sun_direction.json."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.estimation.sun_direction import Opening, estimate_sun_direction
+from pipeline.geometry.planes import polygon_normal
 from pipeline.paths import Build
 from pipeline.plugins.lights.sun import Sun, shafts
+from pipeline.plugins.lights.sunlight import Sunlight
 from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, scene_place, write_json
 
 
@@ -17,21 +19,40 @@ def run(build: Build) -> None:
     suns = {}
     for name, data in read_json(build.geometry)["lights"].items():
         light = plugin_from_json("lights", data)
-        if not isinstance(light, Sun):
+        if not isinstance(light, (Sun, Sunlight)):
             continue
+        stated = "lights", name
         try:
-            suns[name] = _direction(name, light, camera, settings)
-            shafts(light.model_copy(update={"direction": suns[name]["sun_direction"]}))
+            if light.direction is not None:
+                suns[name] = _given(name, light)
+            elif isinstance(light, Sunlight):
+                stated = ("sun_direction",)
+                suns[name] = _over_open_ground(name, camera, settings)
+            else:
+                suns[name] = _through_windows(name, light, camera, settings)
+            if isinstance(light, Sun):
+                shafts(light.model_copy(update={"direction": suns[name]["sun_direction"]}))
         except InputError as error:
-            raise error.at(scene_place(build, "lights", name)) from None
+            raise error.at(scene_place(build, *stated)) from None
     write_json(build.sun_direction, {"suns": suns})
 
 
-def _direction(name: str, sun: Sun, camera, settings) -> dict:
-    if sun.direction is not None:
-        for key, opening in sun.openings.items():
-            _enters(name, key, np.asarray(sun.direction), opening)
-        return {"sun_direction": sun.direction, "status": "given", "messages": []}
+def _given(name: str, light: Sun | Sunlight) -> dict:
+    direction = np.asarray(light.direction)
+    for key, opening in light.openings.items() if isinstance(light, Sun) else ():
+        if polygon_normal(opening.window.polygon) @ direction <= 1e-3:
+            raise InputError(f"{name}: direction {direction.tolist()} does not enter through window '{key}'",
+                             remedy="let it point from the sun into the room")
+    if isinstance(light, Sunlight) and direction[1] >= 0:
+        raise InputError(f"{name}: direction {direction.tolist()} comes from below the horizon",
+                         remedy="let it point from the sun downwards, y < 0")
+    return {"sun_direction": light.direction, "status": "given", "messages": []}
+
+
+def _through_windows(name: str, sun: Sun, camera, settings) -> dict:
+    if settings.type != "window_patches":
+        raise InputError(f"{name}: {settings.type} knows no windows",
+                         remedy="choose sun_direction type window_patches, or give the light a 'direction'")
     openings = [Opening(key, o.window.polygon, [(p.polygon, None) for p in o.patches])
                 for key, o in sun.openings.items()]
     estimate = estimate_sun_direction(camera, openings, starts=settings.starts, seed=settings.seed,
@@ -47,9 +68,9 @@ def _direction(name: str, sun: Sun, camera, settings) -> dict:
         "alternatives": list(estimate.alternatives), "messages": [*estimate.messages, *estimate.notes]}
 
 
-def _enters(name, key, direction, opening) -> None:
-    from pipeline.geometry.planes import polygon_normal
-
-    if polygon_normal(opening.window.polygon) @ direction <= 1e-3:
-        raise InputError(f"{name}: direction {direction.tolist()} does not enter through window '{key}'",
-                         remedy="let it point from the sun into the room")
+def _over_open_ground(name: str, camera, settings) -> dict:
+    if settings.type == "window_patches":
+        raise InputError(f"{name}: window_patches knows no open ground",
+                         remedy="choose sun_direction type cast_shadow or solar_position, or give the light a"
+                                " 'direction'")
+    return settings.direction_over_ground(camera)

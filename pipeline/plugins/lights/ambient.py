@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +19,8 @@ class Ambient(Light):
 
     type: Literal["ambient"] = "ambient"
     strength_name = "radiance"
-    rendered: ClassVar[bool] = False
+    rendered = "never"
+    light_source = False
     radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
 
     def placed(self, name, world):
@@ -29,10 +30,15 @@ class Ambient(Light):
         shape = np.shape(points)[:-1]
         return np.full(shape, np.pi), np.zeros(shape)
 
-    def in_scattering(self, scattering: np.ndarray, extinction: np.ndarray,
-                      optical_depth: np.ndarray) -> np.ndarray:
-        """V (..., 3) at unit radiance, delta/kappa (1 - exp(-tau)): the phase function integrates to 1."""
+    def in_scattering(self, medium, eye, directions, depth):
+        """delta/kappa (1 - exp(-tau)): the phase function integrates to 1."""
+        absorption, scattering = medium.coefficients()
+        extinction = absorption + scattering
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(extinction > 0, scattering / extinction, 0.0)
-        return -np.expm1(-optical_depth) * share
+        return -np.expm1(-medium.optical_depth(eye, eye + depth[..., None] * directions)) * share
+
+    def arrival(self, medium, points, normals):
+        shape = np.shape(points)[:-1]
+        return np.full(shape, np.pi), np.ones((*shape, 3))
 

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.physics import bulbs
 from pipeline.plugins.annotations import Position
 from pipeline.plugins.base import Colour, Light, parameter
 
@@ -15,11 +16,13 @@ class Point(Light):
 
     type: Literal["point"] = "point"
     strength_name = "intensity"
+    rendered = "indoors"
     position: Position = parameter(description="where the bulb is")
     intensity: Colour | None = parameter(None, "photo unit * m^2",
                                          description="known intensity; estimated when left out")
     radius: float = parameter(0.02, "m", gt=0, le=1e5,
                               description="of the bulb; bounds the light close to it")
+    shadows: bool = parameter(True, description="outdoors: whether things throw shadows into its glow")
 
     def placed(self, name, world):
         return self.model_copy(update={"position": self.position.placed(f"{name}.position", world)})
@@ -27,6 +30,15 @@ class Point(Light):
     def incident(self, points):
         distance = np.linalg.norm(np.asarray(points, float) - self.position.vector, axis=-1)
         return 1 / (distance**2 + self.radius**2), distance
+
+    def in_scattering(self, medium, eye, directions, depth):
+        return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius)
+
+    def arrival(self, medium, points, normals):
+        return bulbs.arrival(medium, points, normals, self.position.vector[None], self.radius, [1.0])
+
+    def shaded(self):
+        return self.shadows
 
     def statement(self) -> dict[str, Any]:
         return {"location": self.position.point}

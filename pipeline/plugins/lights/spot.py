@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from pipeline.errors import InputError
+from pipeline.physics import bulbs
 from pipeline.plugins.annotations import Position
 from pipeline.plugins.base import Colour, Light, mistake, parameter
 
@@ -21,6 +22,7 @@ class Spot(Light):
 
     type: Literal["spot"] = "spot"
     strength_name = "intensity"
+    rendered = "indoors"
     position: Position = parameter(description="where the bulb is")
     target: Position = parameter(description="a point on its axis")
     inner_angle: float = parameter(20.0, "degree", ge=0, le=89, description="half angle of the full cone")
@@ -29,6 +31,7 @@ class Spot(Light):
                                          description="on the axis; estimated when left out")
     radius: float = parameter(0.02, "m", gt=0, le=1e5,
                               description="of the bulb; bounds the light close to it")
+    shadows: bool = parameter(True, description="outdoors: whether things throw shadows into its glow")
 
     @model_validator(mode="after")
     def _cone(self):
@@ -57,6 +60,23 @@ class Spot(Light):
         axis = self.target.vector - self.position.vector
         cosine = (offset @ axis) / np.maximum(distance * np.linalg.norm(axis), 1e-12)
         return self.cone(cosine) / (distance**2 + self.radius**2), distance
+
+    @property
+    def lit_cone(self) -> bulbs.Cone:
+        axis = self.target.vector - self.position.vector
+        inner, outer = np.cos(np.radians([self.inner_angle, self.outer_angle]))
+        return bulbs.Cone(axis / np.linalg.norm(axis), float(inner), float(outer))
+
+    def in_scattering(self, medium, eye, directions, depth):
+        return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius,
+                             self.lit_cone)
+
+    def arrival(self, medium, points, normals):
+        return bulbs.arrival(medium, points, normals, self.position.vector[None], self.radius, [1.0],
+                             self.lit_cone)
+
+    def shaded(self):
+        return self.shadows
 
     def statement(self) -> dict[str, Any]:
         return {"location": self.position.point, "point_at": self.target.point}

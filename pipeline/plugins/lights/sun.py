@@ -59,7 +59,7 @@ class Sun(Light):
                 weighted_path += share * (distance + np.linalg.norm(centre - entry))
         return irradiance, weighted_path / irradiance
 
-    def entry_path(self, points):
+    def entry_path(self, points, medium):
         # A point is lit through the window whose opening its light crosses nearest to the centre.
         points, direction = np.asarray(points, float), np.asarray(self.direction, float)
         best, path = np.full(points.shape[:-1], np.inf), np.zeros(points.shape[:-1])
@@ -71,7 +71,8 @@ class Sun(Light):
                 corners = np.asarray(opening)
                 size = np.linalg.norm(corners - corners.mean(0), axis=1).max()
                 off_centre = np.linalg.norm(crossing - corners.mean(0), axis=-1) / size
-                path = np.where(off_centre < best, travelled, path)
+                behind = medium.density_path(crossing, points)
+                path = np.where(off_centre < best, behind, path)
                 best = np.minimum(best, off_centre)
         return path
 

@@ -1,0 +1,30 @@
+"""Surface normals from a depth map's points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def surface_normals(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    """Unit normals (H, W, 3), towards the eye (3,), of a photograph's surface points (H, W, 3) [m].
+
+    Along rows and columns the nearer of the two neighbours counts, so that normals stay those of their own
+    surface up to an edge of depth. Where there is no neighbour at all the normal points to the eye.
+    """
+    to_eye = eye - points
+    to_eye = to_eye / np.maximum(np.linalg.norm(to_eye, axis=-1, keepdims=True), 1e-300)
+    normals = np.cross(_step(points, 1), _step(points, 0))
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals = np.where(length > 0, normals / np.maximum(length, 1e-300), to_eye)
+    return normals * np.where((normals * to_eye).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+
+
+def _step(points: np.ndarray, axis: int) -> np.ndarray:
+    """Difference to the nearer neighbour along an axis, always in its positive sense."""
+    if points.shape[axis] < 2:
+        return np.zeros_like(points)
+    step = np.diff(points, axis=axis)
+    first, last = np.take(step, [0], axis), np.take(step, [-1], axis)
+    ahead, back = np.concatenate([step, last], axis), np.concatenate([first, step], axis)
+    nearer = (ahead**2).sum(-1, keepdims=True) <= (back**2).sum(-1, keepdims=True)
+    return np.where(nearer, ahead, back)
