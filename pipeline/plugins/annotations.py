@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from pipeline.errors import InputError
 from pipeline.geometry import planes
 from pipeline.plugins.base import Finite, Model, Pixel, Vector, World, mistake, parameter
 
@@ -54,11 +55,13 @@ class Outline(Model):
 
 
 class Position(Model):
-    """A point: `pixel` at a `depth` along its ray, or `pixel` `on` a plane, or `point` in metres."""
+    """A point: `pixel` at a `depth` along its ray, `on` a plane or `above` a spot of one, or `point` in metres."""
 
     pixel: Pixel | None = parameter(None, "pixel")
     depth: Annotated[float, Field(gt=0, le=1e7)] | None = parameter(None, "m", description="along the ray")
     on: str | None = parameter(None, description="plane it lies on, as SHAPE.FACE")
+    above: Pixel | None = parameter(
+        None, "pixel", description="the spot right below it on the level plane `on`, the ground when left out")
     offset: Finite = parameter(0.0, "m", description="towards the camera, off the plane")
     point: Vector | None = parameter(None, "m", description="instead of the others")
 
@@ -67,20 +70,37 @@ class Position(Model):
         if (self.point is None) == (self.pixel is None):
             raise mistake("both 'pixel' and 'point' are there" if self.point else "no position",
                           "give either 'point' in metres, or 'pixel' with 'depth' or 'on'")
-        if self.pixel is not None and (self.depth is None) == (self.on is None):
-            raise mistake("'pixel' needs one of 'depth' and 'on'", "give the one that is known")
+        if self.above is not None and (self.pixel is None or self.depth is not None):
+            raise mistake("'above' goes with 'pixel' and without 'depth'", "keep one way to say how far it is")
+        if self.pixel is not None and self.above is None and (self.depth is None) == (self.on is None):
+            raise mistake("'pixel' needs one of 'depth', 'on' and 'above'", "give the one that is known")
         return self
 
     def placed(self, name: str, world: World) -> "Position":
         if self.point is not None:
             return self
         camera, pixel = world.camera, np.asarray(self.pixel, float)
-        if self.depth is not None:
+        if self.above is not None:
+            point = self._above(world.plane(self.on or "ground", name), camera, name)
+        elif self.depth is not None:
             point = camera.position + self.depth * camera.directions(pixel)
         else:
             plane = _moved(world.plane(self.on, name), self.offset, camera.position)
             point = plane.seen_at(camera, pixel, name=self.on)
         return Position(point=point.tolist())
+
+    def _above(self, plane: planes.Plane, camera, name: str) -> np.ndarray:
+        """The point on the pixel's ray nearest to the upright line over the spot `above`."""
+        spot = plane.seen_at(camera, np.asarray(self.above, float), name=self.on or "ground")
+        ray = camera.directions(np.asarray(self.pixel, float))
+        level = np.array([ray[0], 0.0, ray[2]])
+        if np.linalg.norm(level) < 1e-3:
+            raise InputError(f"{name}: pixel {self.pixel} looks straight up or down", remedy="give its 'depth' [m]")
+        along = ((spot - camera.position) @ level) / (level @ level)
+        if along <= 0:
+            raise InputError(f"{name}: pixel {self.pixel} is not above {self.above}",
+                             remedy="give the spot on the ground right below it")
+        return camera.position + along * ray
 
     @property
     def vector(self) -> np.ndarray:

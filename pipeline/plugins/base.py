@@ -243,7 +243,8 @@ class Medium(Plugin):
 
     Templates state the macros `Fog_Extinction()` and `Fog_Scattering(Samples)` (media statements), the colour
     `Fog_Scatter` [1/m], and for light that comes from outside the fog (`run.shafts`) the functions
-    `Fog_Density(X, Y, Z)` and `Fog_Density_Path(X0, Y0, Z0, X1, Y1, Z1)` [m], its integral along a segment.
+    `Fog_Density(X, Y, Z)` and `Fog_Density_Path(X0, Y0, Z0, X1, Y1, Z1)` [m], its integral along a segment,
+    and `Fog_Highest`, which the density never passes, where that may be more than 1.
     """
 
     kind: ClassVar[str] = "media"
@@ -281,7 +282,7 @@ class Medium(Plugin):
         return None
 
     def longest_step(self) -> float:
-        """Length [m] of a midpoint rule's steps that still follow the density along a ray; inf where it is even."""
+        """Length [m] of steps by which a midpoint rule follows the density; inf where it is even."""
         return float("inf")
 
     def side_files(self) -> dict[str, bytes]:

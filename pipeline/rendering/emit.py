@@ -119,7 +119,8 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
              "exposure": run.exposure, "samples": run.samples, "shafts": shafts,
              "scatters": not shafts and all(scene.lights[name].light_source for name in run.lights),
              **run.options}
-    context: dict[str, Any] = {"run": facts, "channels": []}
+    context: dict[str, Any] = {"run": facts, "channels": [], "bounds": {
+        "lowest": float(camera.position[1] - 4 * extent), "highest": float(camera.position[1] + 4 * extent)}}
     backdrop = 2 * extent
     blocks = {"medium": ""}
     if medium is not None:
@@ -146,7 +147,9 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         light_facts = {**facts, "exposure": _vector(exposure) if strengths else exposure}
         if strengths:
             lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
-        light = scene.lights[name] if "shadows" not in run.options else scene.lights[name].shaded_part(camera.position)
+        light = scene.lights[name]
+        if "shadows" in run.options:
+            light = light.shaded_part(camera.position)
         lights.append(templates.of_plugin(light, {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
     return templates.render(f"{run.kind}.pov", {
@@ -171,8 +174,7 @@ def write_side_files(folder: Path, medium: Medium) -> list[str]:
 
 
 def farthest_seen(scene: PlacedScene, medium: Medium) -> float:
-    """Distance [m] beyond which no ray of the photograph brings light through the fog, twice the scene's radius at
-    most."""
+    """Distance [m] beyond which the fog lets nothing through to the eye; twice the scene's radius at most."""
     extinction, longest = float(np.add(*medium.coefficients()).min()), 2 * scene.extent()
     if not extinction > 0:
         return longest

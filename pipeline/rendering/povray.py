@@ -82,7 +82,8 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
         home = _confined_home(Path(folder), pov)
         # POV-Ray changes into the file's folder itself; absolute names keep it independent of ours
         # side files are looked for beside the scene by +L only
-        command = [program(), f"+I{pov.resolve()}", f"+L{pov.parent.resolve()}", f"+O{partial.resolve()}", "+FE",
+        command = [program(), f"+I{pov.resolve()}", f"+L{pov.parent.resolve()}",
+                   f"+O{partial.resolve()}", "+FE",
                    f"+W{width}", f"+H{height}", "-A", "-D", "-P", "-C",
                    *([f"+WT{threads}"] if threads else [])]
         log = _run(command, home, pov, image, timeout)

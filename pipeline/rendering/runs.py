@@ -26,7 +26,7 @@ SHADED, UNSHADED = "shaded", "unshaded"
 SINGLE_LIGHT_SAMPLES = 3
 #: Most samples that uneven fog asks for. Each sample of V is lit through as many again, those of T are few.
 MOST_SAMPLES = {"in_scattering": 128, "transmittance": 512}
-#: V adds up many samples, whose errors cancel, and light paths besides: its steps may be so much longer than T's.
+#: V adds up many samples, whose errors cancel: its steps may be so many times as long as T's.
 STEPS_OF = {"in_scattering": 2.0, "transmittance": 1.0}
 
 

@@ -6,6 +6,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, mistake, parameter
 from pipeline.plugins.choices import choice
+from pipeline.scene.depth_section import DepthSection
 
 Axis = Literal["x", "y", "z"]
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -46,6 +47,8 @@ class CameraDescription(Model):
     roll: Finite | None = parameter(None, "degree", description="clockwise")
     principal_point: Pixel | Literal["estimate"] | None = parameter(
         None, "pixel", description="the centre when left out")
+    horizon: Segment | None = parameter(
+        None, "pixel", description="a line along the horizon, instead of `pitch` and `roll`")
     height: float | None = parameter(None, "m", gt=0, le=1e6, description="of the camera above the floor")
     known_length: KnownLength | None = None
     position: Vector | None = parameter(None, "m", description="with `look_at`: the camera in the world")
@@ -63,6 +66,10 @@ class CameraDescription(Model):
         if self.position is not None and any(value is not None for value in told):
             raise mistake("'position' and 'look_at' already say what 'height', 'known_length', 'yaw' or"
                           " 'pitch' do", "leave those out, or 'position' and 'look_at'")
+        if self.horizon is not None and (self.lines or self.fspy or self.position is not None
+                                         or self.pitch is not None or self.roll is not None):
+            raise mistake("'horizon' says what 'pitch', 'roll', 'lines', 'fspy' or 'position' do",
+                          "keep one of them", at=("horizon",))
         if self.fspy and self.lines:
             raise mistake("both 'fspy' and 'lines' tell the camera", "keep one of them")
         if self.position is not None and (self.lines or self.fspy):
@@ -100,9 +107,10 @@ def scene_model() -> type[Model]:
 
         photograph: PhotographFile
         camera: CameraDescription
+        depth: DepthSection | None = parameter(
+            None, description="in the open air: how far the photograph's regions are")
         shapes: dict[Name, Shape] = parameter(
-            ..., description="solid things, in an order in which each stands on earlier ones",
-            min_length=1, max_length=500)
+            {}, description="solid things, in an order in which each stands on earlier ones", max_length=500)
         lights: dict[Name, Light] = parameter(..., description="lamps, windows, the sun", min_length=1,
                                               max_length=500)
         illumination: Illumination = parameter({"type": "karsch"},
@@ -119,10 +127,13 @@ def scene_model() -> type[Model]:
         def _known_strengths(self):
             if self.illumination.type == "manual":
                 for name, l in self.lights.items():
-                    if l.given_strength() is None:
+                    if l.given_strength() is None and l.type not in ("ambient", "ground"):
                         raise mistake(f"no {l.strength_name}, and illumination is manual",
                                       f"add '{l.strength_name}:', or choose illumination type karsch",
                                       ("lights", name))
+            if not self.shapes and self.depth is None:
+                raise mistake("neither 'shapes' nor 'depth' is there",
+                              "describe a room by 'shapes', the open air by 'depth'")
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
                 raise mistake("more than one light of type sun", "put the openings of all windows into one",
                               ("lights",))

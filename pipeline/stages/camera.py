@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.geometry import vanishing_points as vp
 from pipeline.geometry.camera import Camera, from_exif_35mm, from_field_of_view, rotation
 from pipeline.geometry.fspy import camera_from_fspy
+from pipeline.geometry.horizon import pitch_and_roll
 from pipeline.geometry.planes import Plane
 from pipeline.paths import Build, inside
 from pipeline.scene.artefacts import camera_to_json, read_json, scene_place, write_json
@@ -63,6 +65,11 @@ def describe(c: CameraDescription, width: int, height: int, exif_35mm: float | N
             raise InputError("nothing tells the focal length",
                              remedy="draw 'lines', or give horizontal_field_of_view, focal_length_35mm or"
                                     " fspy")
+        if c.horizon is not None:
+            pitch, roll = pitch_and_roll(np.asarray(c.horizon, float), camera.focal_length,
+                                         camera.principal_point)
+            camera = replace(camera, world_from_camera=rotation(c.yaw or 0.0, pitch, roll))
+            report["source"] = "horizon"
     if c.position is not None:
         forward = np.subtract(c.look_at, c.position)
         if np.linalg.norm(forward) < 1e-9:

@@ -17,15 +17,15 @@ from pipeline.paths import Build
 from pipeline.plugins.base import World
 from pipeline.scene.artefacts import (
     plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
+from pipeline.scene.outdoors import Outdoors, outdoors
 
 
 def run(build: Build) -> None:
     camera = read_camera(build)
     world = World(camera)
     described = read_json(build.input("depth"))
-    open_air = None
+    open_air: Outdoors | None = None
     if described is not None:
-        from pipeline.scene.outdoors import outdoors
         world.planes["ground"] = Plane.across("y", 0.0)
         try:
             open_air = outdoors(build, camera, described)
@@ -45,7 +45,7 @@ def run(build: Build) -> None:
         shapes = {**shapes, **standing_in}
         write_edges(build, edges)
         facts |= {"ground_faces": open_air.ground_faces, "sky_depth_m": open_air.sky_depth,
-                  "regions": open_air.facts}
+                  "regions": open_air.facts, "region_normals": open_air.normals()}
     elif missed.all():
         raise InputError("no ray of the camera meets any shape", place=str(build.scene_file),
                          remedy="check the camera's position and the room's corners")

@@ -49,8 +49,8 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
             reasons.append(f"{name}: glow at {one.width}x{one.height}, for it is smooth; edges of depth are kept")
         if one.samples > samples and one.samples == uneven_samples(scene, medium, one.kind):
             few = one.samples == MOST_SAMPLES[one.kind]
-            reasons.append(f"{name}: {one.samples} samples instead of {samples}: steps that follow how the fog varies"
-                           + (f", as near to {medium.longest_step():.2g} m as is affordable" if few else ""))
+            reasons.append(f"{name}: {one.samples} samples instead of {samples}: steps that follow how the fog"
+                           " varies" + (", as nearly as is affordable" if few else ""))
         elif one.samples > samples and one.samples == dense_samples(scene, medium):
             reasons.append(f"{name}: {one.samples} samples instead of {samples}: dense fog, a third of an"
                            " optical depth each")

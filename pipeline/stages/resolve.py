@@ -62,7 +62,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
 
 def _depth(build: Build, scene: Model, text) -> dict | None:
     """The depth section, with the contents' hashes of the files that it names."""
-    if getattr(scene, "depth", None) is None:
+    if scene.depth is None:
         return None
     at = text.place(("depth",))
     return {**scene.depth.model_dump(mode="json", by_alias=True),

@@ -6,6 +6,8 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.estimation.sun_direction import Opening, estimate_sun_direction
+from pipeline.estimation.solar_position import sun_at
+from pipeline.estimation.sun_from_shadow import direction_from_shadows
 from pipeline.geometry.planes import polygon_normal
 from pipeline.paths import Build
 from pipeline.plugins.lights.sun import Sun, shafts
@@ -73,4 +75,13 @@ def _over_open_ground(name: str, camera, settings) -> dict:
         raise InputError(f"{name}: window_patches knows no open ground",
                          remedy="choose sun_direction type cast_shadow or solar_position, or give the light a"
                                 " 'direction'")
-    return settings.direction_over_ground(camera)
+    if settings.type == "solar_position":
+        found = sun_at(settings.time, settings.time_zone, settings.latitude, settings.longitude, settings.heading,
+                       camera)
+        return {"sun_direction": found.direction, "status": "determined", "messages": found.messages,
+                "elevation_degree": found.elevation, "azimuth_from_north_degree": found.azimuth}
+    shadows = [tuple(np.asarray(p, float) for p in (s.foot, s.tip, s.shadow)) for s in settings.shadows]
+    found = direction_from_shadows(camera, shadows, settings.annotation_noise, settings.seed)
+    doubt = [f"{name}: clicks leave {found.confidence:.0f} degrees of doubt"] if found.confidence > 10 else []
+    return {"sun_direction": found.direction, "status": "determined", "confidence_degree": found.confidence,
+            "angle_rms_degree": found.rms, "messages": doubt}

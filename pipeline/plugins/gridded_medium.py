@@ -1,0 +1,60 @@
+"""What fogs have in common whose density stands on a grid."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from pipeline.physics.density_grid import DensityGrid, density_file
+from pipeline.plugins.media_base import DenseMedium
+
+
+class GriddedMedium(DenseMedium):
+    """Fog whose relative density is a `DensityGrid`; POV-Ray reads the same values from a file."""
+
+    def grid(self) -> DensityGrid:
+        """The values where they stand in the world, rounded to what the file holds."""
+        raise NotImplementedError(type(self).__name__)
+
+    def density(self, points):
+        return self.grid().density(points)
+
+    def density_path(self, origin, points):
+        return self.grid().path(origin, points)
+
+    def density_along(self, origin, directions, distances):
+        return self.grid().path_along(origin, directions, distances)
+
+    def daylight_path(self, points, direction):
+        if self.top() is None:
+            return super().daylight_path(points, direction)
+        return self.grid().path_out(points, direction)
+
+    def top(self):
+        grid = self.grid()
+        if grid.periodic[1] or grid.outside > 0:
+            return None
+        return float(grid.first[1] + grid.spacing[1] * (grid.values.shape[1] - 1))
+
+    def longest_step(self):
+        grid = self.grid()
+        return float(grid.spacing.min() * grid.cells_per_step)
+
+    def side_files(self):
+        data = density_file(self.grid())
+        return {self._file_name(data): data}
+
+    def statement(self) -> dict[str, Any]:
+        grid = self.grid()
+        lowest, highest = grid.bounds
+        return {"grid": {
+            "file": self._file_name(density_file(grid)), "first": grid.first.tolist(), "yaw": float(grid.yaw),
+            "size": (grid.spacing * grid.values.shape).tolist(), "outside": float(grid.outside),
+            "repeated": [axis for axis, periodic in zip("xyz", grid.periodic) if periodic],
+            "lowest": lowest, "highest": highest, "first_level": grid.first_level}}
+
+    def _file_name(self, data: bytes) -> str:
+        """Told by its contents, so that a `.pov` file's text says all that its picture depends on."""
+        return f"{self.type_name()}_{hashlib.sha256(data).hexdigest()[:16]}.df3"
