@@ -3,6 +3,7 @@
 #   make scene=bathroom                      the whole chain; results in build/bathroom/
 #   make scene=bathroom fog=thick            another of the scene's fogs; results in build/bathroom/thick/
 #   make scene=bathroom fog.visibility=3     any value of the scene file overridden
+#   make ladder scene=pagoda                 its named fogs side by side, in build/pagoda/ladder.png
 #   make test                                the tests
 #   make help                                all targets and variables
 #
@@ -25,6 +26,7 @@ endif
 
 scene ?=
 fog ?=
+fogs ?=
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -32,7 +34,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog
+unexport scene fog fogs
 define newline
 
 
@@ -57,30 +59,45 @@ define check_folder
     $$(error $(1)='$$(value $(1))': Make can only use a folder's path of letters, digits and '/_-.+@')
   endif
 endef
+define check_names
+  $(call strip_plain,$(1))
+  ifneq ($$(strip $$(rest))$$(findstring ..,$$(value $(1)))$$(filter-out $(addsuffix %,$(digits) $(letters)),$$(value $(1))),)
+    $$(error $(1)='$$(value $(1))': name the fogs with spaces between them, such as $(1)="light thick")
+  endif
+endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
+$(eval $(call check_names,fogs))
 $(eval $(call check_folder,SCENES))
 $(eval $(call check_folder,BUILD))
 
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
-  $(error no variable is called '$(strange)': use scene, fog, a value of the scene by its path such as fog.visibility=3, or see `make help`)
+  $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
 endif
 export FOG_OVERRIDES := $(foreach v,$(dotted),$v=$(value $v)$(newline))
 export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
+export FOG_LADDER := $(value fogs)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure photograph,$(goals))$(fog)$(dotted),)
+  ifneq ($(filter all resolve closure ladder photograph,$(goals))$(fog)$(fogs)$(dotted),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
+  endif
+endif
+ifeq ($(MAKELEVEL),0)
+  ifeq ($(filter ladder,$(goals)),)
+    $(if $(fogs),$(error fogs= is for the ladder: make ladder scene=$(scene) fogs="$(fogs)"))
+  else
+    $(if $(fog),$(error a ladder shows several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
   endif
 endif
 
@@ -120,7 +137,9 @@ setup: $(READY) povray
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
-run = @$(PY) -m pipeline
+# whose make it is that works in the folder: one that was started by a make works for that one
+owner = FOG_MAKE=$${FOG_MAKE:-$$PPID}
+run = @$(owner) $(PY) -m pipeline
 
 # what a stage is made from: its own source, and the packages that do its work
 code = pipeline/stages/$(1).py $(wildcard $(foreach d,$(2),pipeline/$(d)/*.py pipeline/$(d)/*/*.py))
@@ -132,7 +151,7 @@ clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
 
-.PHONY: all resolve closure FORCE
+.PHONY: all resolve closure ladder FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -141,7 +160,7 @@ SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json depth.json
                    illumination.json sun_direction.json exporter.json templates.json plugins.json demand.json)
 FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json fog_files.json render.json gains.json)
 resolve: $(READY) | povray
-	@FOG_MAKE=$$PPID $(PY) -m pipeline resolve
+	@$(owner) $(PY) -m pipeline resolve
 ifeq ($(dry_run),)
 $(SHARED_INPUTS) $(FOG_INPUTS): resolve ;
 endif
@@ -176,12 +195,19 @@ $(O)/maps.json: $(call beside,$(O)/transmittance.exr $(O)/in_scattering.exr) $(O
 $(O)/foggy.png: $(call beside,$(O)/foggy.exr) $(O)/maps.json $(S)/photograph.json pipeline/physics/composition.py \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,composite)
 	$(run) composite
-$(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.png $(S)/inputs/templates.json templates/report.html pipeline/imaging/overlay.py \
-  $(wildcard pipeline/imaging/display.py) $(call code,report,reporting)
+$(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.png $(S)/inputs/templates.json templates/report.html \
+  $(wildcard pipeline/imaging/overlay*.py) pipeline/imaging/canvas.py $(wildcard pipeline/imaging/display.py) $(call code,report,reporting)
 	$(run) report
 
 closure: $(O)/report.html
 	$(run) closure
+
+# one fog after the other, each by a make of its own
+ladder: $(READY) | povray
+	$(run) resolve
+	@export $(owner); names="$$($(PY) -m pipeline ladder --names)"; for name in $$names; do \
+	  $(MAKE) --no-print-directory fog=$$name $(S)/$$name/foggy.png; done
+	$(run) ladder
 
 # ---- other things a person asks for ------------------------------------------------------------
 .PHONY: test test-slow photos photograph schema plugins clean help
@@ -215,7 +241,8 @@ help:
 	@echo "targets"
 	@echo "  make scene=NAME          fog in scenes/NAME, into build/NAME/ (report.html shows all of it)"
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
-	@echo "  make photos              fetches the real demo photographs (sunroom, lobby)"
+	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
+	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
@@ -225,6 +252,7 @@ help:
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
+	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"
 	@echo "  SCENES=DIR BUILD=DIR     where scenes and results are (scenes, build)"
 	@echo "  PYTHON=python3.12        the Python to set up with; POVRAY=PROGRAM the POV-Ray to use"

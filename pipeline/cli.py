@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m pipeline", description="Physically based fog for one photograph.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
-                       ("run", "all stages, in order")]:
+                       ("ladder", "the scene's named fogs side by side"), ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
         command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None,
@@ -83,7 +83,10 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
         command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
                              help="overrides a value of the scene, for example fog.visibility=3")
-        command.set_defaults(run=_run_all if name == "run" else _run_stage)
+        command.set_defaults(run={"run": _run_all, "ladder": _ladder}.get(name, _run_stage))
+        if name == "ladder":
+            command.add_argument("--fogs", default=os.environ.get("FOG_LADDER", ""), help="names, with spaces between")
+            command.add_argument("--names", action="store_true", help="only says which fogs it would show")
     plugins = commands.add_parser("plugins", help="lists all plugins with their parameters and units")
     plugins.set_defaults(run=_plugins)
     schema = commands.add_parser("schema", help="writes the scene file's JSON Schema")
@@ -124,6 +127,17 @@ def _run_all(options) -> None:
     build = _build(options)
     for name in STAGES:
         _stage(build, name, options)
+
+
+def _ladder(options) -> None:
+    build = _build(options)
+    stage = importlib.import_module("pipeline.stages.ladder")
+    names = stage.fogs_of(build, options.fogs.split())
+    if options.names:
+        print("\n".join(names))
+        return
+    with at_work(build):
+        print(f"done: {stage.run(build, names)}")
 
 
 def _stage(build: Build, name: str, options) -> None:

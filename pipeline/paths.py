@@ -119,6 +119,11 @@ class Build:
         return self.shared / "overlay.png"
 
     @property
+    def ladder(self) -> Path:
+        """The photograph and all its fogs, side by side."""
+        return self.shared / "ladder.png"
+
+    @property
     def basis(self) -> Path:
         """Clear renders of each light alone."""
         return self.shared / "basis"

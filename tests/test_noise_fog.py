@@ -304,3 +304,16 @@ def test_the_plan_says_how_finely(tmp_path):
 def test_mistakes(settings, said):
     with pytest.raises(ValidationError, match=said):
         Noise(visibility=9.0, **settings)
+
+
+@pytest.mark.parametrize("extinction", [1e-12, 30.0, 1e4])
+def test_extremes_of_density(tmp_path, extinction):
+    """Dense banks with clear air between: light that comes through a gap may not overflow the render."""
+    fog = {"type": "noise", "absorption_coefficient": [0.2 * extinction] * 3, "scale": 1.5, "patchiness": 1.0,
+           "scattering_coefficient": [0.8 * extinction] * 3, "scale_height": 0.5, "detail": 1}
+    build = chain(tmp_path, {kind: DESCRIBED[kind] for kind in ("point", "sun")}, box=True, fog=fog,
+                  render={"samples": 4})
+    t, v = read_map(build.transmittance), read_map(build.in_scattering())
+    assert np.isfinite(t).all() and np.isfinite(v).all() and t.min() >= 0 and t.max() <= 1 and v.min() >= 0
+    if extinction == 1e-12:
+        assert t.min() > 0.999 and v.max() < 1e-9

@@ -21,8 +21,8 @@ from pipeline.geometry.planes import polygon_area
 from pipeline.geometry.raycast import first_hits
 from pipeline.imaging.display import display_exposure, displayed, tone_factor
 from pipeline.imaging.maps import write_map
-from pipeline.imaging.overlay import (
-    COLOURS, LONG_SIDE, Canvas, cast_window, clip_polygon, clip_segment, overlay)
+from pipeline.imaging.canvas import LONG_SIDE, Canvas, clip_polygon, clip_segment
+from pipeline.imaging.overlay import COLOURS, cast_window, overlay
 from pipeline.paths import Build
 from pipeline.plugins.lights.area import Area
 from pipeline.plugins.lights.point import Point
@@ -38,7 +38,7 @@ from pipeline.stages import camera, geometry, photograph, report, resolve, sun_d
 @pytest.fixture
 def small_overlay(monkeypatch):
     """The same drawing on fewer pixels, where a test is not about them."""
-    monkeypatch.setattr("pipeline.imaging.overlay.LONG_SIDE", (160, 300))
+    monkeypatch.setattr("pipeline.imaging.canvas.LONG_SIDE", (160, 300))
 
 
 SUN = """

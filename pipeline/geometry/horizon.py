@@ -21,7 +21,7 @@ def pitch_and_roll(horizon: np.ndarray, focal_length: float, principal_point: np
         raise InputError(f"the horizon's two ends are one point {ends[0].tolist()}",
                          remedy="give two points far apart on it")
     down = down / length * (1 if down[1] > 0 else -1)
-    if down[1] < 0.2:
+    if abs(down[0]) > 5 * down[1]:
         raise InputError("the horizon runs from top to bottom", remedy="turn the photograph upright first")
     # down is the world's downward direction in the camera's frame (x right, y down, z forward)
     pitch = np.degrees(np.arcsin(np.clip(-down[2], -1, 1)))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Pixels at once.
+_BLOCK = 1_000_000
+
 
 def surface_normals(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
     """Unit normals (H, W, 3), towards the eye (3,), of a photograph's surface points (H, W, 3) [m].
@@ -11,8 +14,19 @@ def surface_normals(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
     Along rows and columns the nearer of the two neighbours counts, so that normals stay those of their own
     surface up to an edge of depth. Where there is no neighbour at all the normal points to the eye.
     """
+    normals = np.empty(points.shape)
+    rows = max(1, _BLOCK // points.shape[1])
+    for top in range(0, len(points), rows):
+        # with a row more on each side, whose neighbours count too
+        above = min(top, 1)
+        block = points[top - above:top + rows + 1]
+        normals[top:top + rows] = _of(block, eye)[above:above + rows]
+    return normals
+
+
+def _of(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
     to_eye = eye - points
-    to_eye = to_eye / np.maximum(np.linalg.norm(to_eye, axis=-1, keepdims=True), 1e-300)
+    to_eye /= np.maximum(np.linalg.norm(to_eye, axis=-1, keepdims=True), 1e-300)
     normals = np.cross(_step(points, 1), _step(points, 0))
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.where(length > 0, normals / np.maximum(length, 1e-300), to_eye)

@@ -13,6 +13,8 @@ from pipeline.imaging.colour import linear_to_srgb
 
 #: Long side [pixel] of the report's pictures: ten of them as JPEG stay below 2 MB.
 LONGEST = 900
+#: Kinds of photographs whose unit need not be white.
+FLOAT_KINDS = (".exr", ".hdr")
 
 
 def display_exposure(radiance: np.ndarray) -> float:
@@ -33,12 +35,19 @@ def tone_factor(linear: np.ndarray) -> float:
     return float(f"{1 / bright:.2g}") if 1e-30 < bright < 1e30 else 1.0
 
 
-def depth_picture(depth: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """(H, W, 3) uint8, near dark and far bright, and the depths [m] of the two ends."""
-    near, far = (float(x) for x in np.percentile(depth, [1, 99]))
-    share = np.clip((depth - near) / max(far - near, 1e-12), 0, 1)
+def depth_picture(depth: np.ndarray, sky_depth: float | None = None) -> tuple[np.ndarray, float, float, bool]:
+    """(H, W, 3) uint8, near dark and far bright, the depths [m] of the two ends, and whether steps are ratios.
+
+    sky_depth [m]: from which on it is open sky, which takes no part in choosing the ends. They are those of ratios
+    where the far end is more than twenty times as far as the near one.
+    """
+    solid = depth[depth < 0.999 * sky_depth] if sky_depth is not None else depth
+    near, far = (float(x) for x in np.percentile(solid if solid.size else depth, [1, 99]))
+    logarithmic = far > 20 * near > 0
+    scale = np.log if logarithmic else np.asarray
+    share = np.clip((scale(np.maximum(depth, near)) - scale(near)) / max(float(scale(far) - scale(near)), 1e-12), 0, 1)
     colours = cv2.applyColorMap(np.round(share * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    return colours[..., ::-1], near, far
+    return colours[..., ::-1], near, far, logarithmic
 
 
 def shrunk(image: np.ndarray, longest: int = LONGEST) -> np.ndarray:

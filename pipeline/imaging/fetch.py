@@ -160,11 +160,16 @@ def _file_in_debian_package(source: Source, folder: Path) -> bytes:
     remedy = "fetch it on a Debian system, or use a scene whose photograph is at hand"
     if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
         raise InputError(f"{requirement} is a Debian package, and apt-get or dpkg-deb is missing", remedy=remedy)
-    fetched = subprocess.run(["apt-get", "download", requirement], cwd=folder, capture_output=True, text=True,
-                             stdin=subprocess.DEVNULL)
-    packages = sorted(folder.glob("*.deb"))
-    if fetched.returncode or not packages:
-        reason = fetched.stderr.strip().splitlines() or ["no reason given"]
+    reason, packages = ["no reason given"], []
+    # another release has another version, and mostly the same file: its hash tells
+    for wanted in (requirement, source.package):
+        fetched = subprocess.run(["apt-get", "download", wanted], cwd=folder, capture_output=True, text=True,
+                                 stdin=subprocess.DEVNULL)
+        packages = sorted(folder.glob("*.deb")) if not fetched.returncode else []
+        if packages:
+            break
+        reason = fetched.stderr.strip().splitlines() or reason
+    if not packages:
         raise InputError(f"cannot download {requirement} ({reason[-1]})",
                          remedy="run apt-get update and check the network connection; or " + remedy)
     with tempfile.TemporaryDirectory(dir=folder) as unpacked:

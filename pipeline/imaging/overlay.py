@@ -1,51 +1,45 @@
 """Draws what was estimated over the photograph: camera frame, shapes, lights, windows, patches, shafts, sun.
 
-Colours follow Zhao et al. 2013, Fig. 6: windows red, sun patches green, a window cast along the sun purple,
-the edges of the sunlight's volume blue. Solid things are white (seen from inside) or cyan, lamps orange.
-Everything is clipped in 3D against the view's frustum before it is projected, so that what runs past the
-camera's side or behind it ends at the picture's border.
+Colours follow Zhao et al. 2013: of Fig. 6 windows red, sun patches green, a window cast along the sun purple, the
+edges of the sunlight's volume blue; of Fig. 7b upright regions red, ground green, sky blue. Solid things are white
+(seen from inside) or cyan, lamps orange.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-import cv2
 import numpy as np
-from scipy.ndimage import median_filter
 
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import polygon_normal
 from pipeline.geometry.shaft import bounds_other_faces, shaft_hulls
+from pipeline.imaging.canvas import AXES, HORIZON, Canvas, clip_polygon
+from pipeline.imaging.overlay_outdoors import OPEN_AIR_COLOURS, OpenAir, draw_open_air, draw_sunlight
 from pipeline.plugins.annotations import Outline, Position
 from pipeline.plugins.base import Light, Shape
 from pipeline.plugins.lights.sun import Opening, Sun
+from pipeline.plugins.lights.sunlight import Sunlight
 
-#: Least and largest long side [pixel]: names must be legible, and a screen is not larger.
-LONG_SIDE = (1200, 2000)
-#: Drawn so many times finer and averaged: antialiasing of fills, lines and text alike.
-SUPERSAMPLING = 2
 COLOURS = {
     "room": (255, 255, 255), "shape": (70, 225, 235), "lamp": (255, 165, 50), "window": (255, 85, 85),
     "patch": (85, 235, 120), "cast": (205, 110, 255), "shaft": (85, 155, 255), "sun": (255, 236, 80),
-    "horizon": (190, 190, 190), "x": (255, 105, 105), "y": (120, 235, 120), "z": (120, 165, 255)}
-#: An edge may lie so far [share of its depth] behind a surface and count as seen: boxes are fitted one by
-#: one, and one that stands at a wall ends a centimetre before or behind it.
-COINCIDENT = 2e-2
-#: Points [pixel of 16ths] for OpenCV's drawing, which takes integers.
-FRACTION_BITS = 4
+    "horizon": HORIZON, **AXES, **OPEN_AIR_COLOURS}
 
 
 def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape], lights: Mapping[str, Light],
-            depth: np.ndarray, clicks: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> np.ndarray:
+            depth: np.ndarray, clicks: Sequence[tuple[np.ndarray, np.ndarray]] = (), air: OpenAir | None = None
+            ) -> np.ndarray:
     """The annotated picture (h, w, 3) uint8, of at most 2000 pixels on its long side.
 
     photograph: uint8, RGB as on a screen, of any size; camera: of the true size (H, W); all is placed.
     depth: (H, W) radial [m], tells hidden edges (thin) from visible ones. clicks: pairs of pixels (2,) of the
-    photograph, an annotated corner and the corner fitted to it.
+    photograph, an annotated corner and the corner fitted to it. air: of a scene in the open air.
     """
     canvas = Canvas(photograph, camera, depth)
+    if air is not None:
+        draw_open_air(canvas, air)
     for name, shape in shapes.items():
         colour = COLOURS["shape" if shape.casts_shadow else "room"]
         for a, b in _edges(shape.faces().values()):
@@ -61,7 +55,10 @@ def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape],
     for clicked, fitted in clicks:
         canvas.click(clicked, fitted)
     canvas.horizon()
-    canvas.axes()
+    canvas.axes("floor" if air is None else "ground")
+    for name, light in lights.items():
+        if isinstance(light, Sunlight) and light.direction is not None:
+            draw_sunlight(canvas, name, np.asarray(light.direction))
     return canvas.finished()
 
 
@@ -91,278 +88,6 @@ def _facing(plane: np.ndarray, point: np.ndarray) -> np.ndarray:
     return half_space * (1.0 if half_space[:3] @ point + half_space[3] >= 0 else -1.0)
 
 
-def clip_segment(a: np.ndarray, b: np.ndarray, planes: np.ndarray) -> np.ndarray | None:
-    """Part (2, 3) of a segment where n . x + c >= 0 for all `planes` (m, 4); None where there is none."""
-    at_a, at_b = planes[:, :3] @ a + planes[:, 3], planes[:, :3] @ b + planes[:, 3]
-    if np.any((at_a < 0) & (at_b < 0)):
-        return None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = at_a / (at_a - at_b)
-    start = max([0.0, *crossing[at_a < 0]])
-    end = min([1.0, *crossing[at_b < 0]])
-    return np.stack([a + start * (b - a), a + end * (b - a)]) if start < end else None
-
-
-def clip_polygon(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Part (k, 3) of a polygon (n, 3) where n . x + c >= 0 for all `planes` (m, 4); k may be 0.
-
-    Sutherland and Hodgman 1974. Concave polygons may get edges along the planes, which a fill hides.
-    """
-    for plane in planes:
-        kept = []
-        height = points @ plane[:3] + plane[3]
-        for i, (p, h) in enumerate(zip(points, height)):
-            before, before_height = points[i - 1], height[i - 1]
-            if (h >= 0) != (before_height >= 0):
-                kept.append(before + (p - before) * (before_height / (before_height - h)))
-            if h >= 0:
-                kept.append(p)
-        points = np.reshape(kept, (-1, 3))
-        if not len(points):
-            break
-    return points
-
-
-class Canvas:
-    """The photograph at drawing size, and how world points come onto it."""
-
-    def __init__(self, photograph: np.ndarray, camera: Camera, depth: np.ndarray):
-        height, width = camera.height, camera.width
-        long_side = max(height, width)
-        scale = float(np.clip(long_side, *LONG_SIDE)) / long_side
-        self.size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        size = (self.size[0] * SUPERSAMPLING, self.size[1] * SUPERSAMPLING)
-        enlarge = cv2.INTER_CUBIC if max(size) > max(photograph.shape) else cv2.INTER_AREA
-        # darker, so that lines stand out from white walls
-        self.image = (cv2.resize(photograph, size, interpolation=enlarge) * 0.72).astype(np.uint8)
-        self.plain = self.image.copy()
-        self.camera = camera.resized(*size)
-        self.depth = depth
-        self.farthest = cv2.dilate(depth.astype(np.float32), np.ones((3, 3), np.uint8))
-        self.unit = min(max(size), 2 * min(size)) / 1000
-        # middle and extent [pixel] of what is named, its name and colour
-        self.labels: list[tuple[np.ndarray, np.ndarray, str, tuple]] = []
-        self.planes = self._frustum()
-
-    def _frustum(self) -> np.ndarray:
-        """(5, 4) half-spaces of the camera frame: before the near plane, inside the picture and a margin."""
-        f, (cx, cy) = self.camera.focal_length, self.camera.principal_point
-        width, height, margin = self.camera.width, self.camera.height, 12 * self.unit
-        near = 1e-6 * max(float(self.depth.max()), 1e-12)  # any positive share: the sides bound the pixels
-        return np.array([[0, 0, 1, -near], [f, 0, cx + margin, 0], [-f, 0, width + margin - cx, 0],
-                         [0, f, cy + margin, 0], [0, -f, height + margin - cy, 0]], float)
-
-    def _in_camera(self, points: np.ndarray) -> np.ndarray:
-        return (np.asarray(points, float) - self.camera.position) @ self.camera.world_from_camera
-
-    def _sees(self, points: np.ndarray) -> bool:
-        return bool((self._in_camera(points) @ self.planes[:, :3].T + self.planes[:, 3]).min() >= 0)
-
-    def _pixels(self, in_camera: np.ndarray) -> np.ndarray:
-        camera = self.camera
-        return camera.focal_length * in_camera[..., :2] / in_camera[..., 2:] + camera.principal_point
-
-    def _stroke(self, pixels: np.ndarray, colour: tuple, width: float, cased: bool = True) -> None:
-        """A line through `pixels` (n, 2), in `width` thousandths of the picture, dark along its sides."""
-        points = [_fixed_point(pixels)]
-        strokes = [((0, 0, 0), width + 1.6), (colour, width)] if cased else [(colour, width)]
-        for tone, thickness in strokes:
-            cv2.polylines(self.image, points, False, tone, max(1, round(thickness * self.unit)), cv2.LINE_AA,
-                          FRACTION_BITS)
-
-    def line(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 1.6, cased: bool = True
-             ) -> np.ndarray | None:
-        """A world segment; its visible ends' pixels (2, 2), or None."""
-        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
-        if part is None:
-            return None
-        pixels = self._pixels(part)
-        self._stroke(pixels, colour, width, cased)
-        return pixels
-
-    def edge(self, a: np.ndarray, b: np.ndarray, colour: tuple) -> None:
-        """A solid thing's edge: thick where it is seen, thin where something stands before it."""
-        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
-        if part is None:
-            return
-        # evenly spaced in the picture, not in space, or one that ends near the eye gets coarse
-        pixels = np.linspace(*self._pixels(part), 97)
-        share = np.linspace(0, 1, 97)
-        inverse = (1 - share) / part[0, 2] + share / part[1, 2]
-        middle = (inverse[1:] + inverse[:-1]) / 2
-        rays = (pixels[1:] + pixels[:-1]) / 2
-        beside = np.linalg.norm(rays - self.camera.principal_point, axis=1) / self.camera.focal_length
-        distance = np.hypot(beside, 1) / middle
-        seen = distance <= self._looked_up(self.farthest, rays) * (1 + COINCIDENT)
-        seen = median_filter(seen, 9, mode="nearest")  # where two surfaces coincide it flickers
-        first = 0
-        for i in range(1, 97):
-            if i == 96 or seen[i] != seen[first]:
-                shown = bool(seen[first])
-                self._stroke(pixels[first : i + 1], colour, 2.2 if shown else 0.8, cased=shown)
-                first = i
-
-    def _looked_up(self, values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        height, width = values.shape
-        u = np.clip(pixels[:, 0] * width / self.camera.width, 0, width - 1).astype(int)
-        v = np.clip(pixels[:, 1] * height / self.camera.height, 0, height - 1).astype(int)
-        return values[v, u]
-
-    def polygon(self, points: np.ndarray, colour: tuple, name: str = "", fill: float = 0.2, width: float = 2.2
-                ) -> None:
-        """A translucent outline; `fill` is its opacity."""
-        inside = clip_polygon(self._in_camera(points), self.planes)
-        if len(inside) >= 3:
-            mask = np.zeros(self.image.shape[:2], np.uint8)
-            cv2.fillPoly(mask, [_fixed_point(self._pixels(inside))], 255, cv2.LINE_AA, FRACTION_BITS)
-            rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-            if len(rows):
-                part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-                share = mask[part][..., None] * np.float32(fill / 255)
-                self.image[part] = self.image[part] * (1 - share) + np.array(colour, np.float32) * share
-        for a, b in zip(points, np.roll(points, -1, 0)):
-            self.line(a, b, colour, width)
-        if name:
-            self.label(points, name, colour)
-
-    def arrow(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 3.0) -> np.ndarray | None:
-        pixels = self.line(a, b, colour, width)
-        if pixels is None or np.linalg.norm(pixels[1] - pixels[0]) < 1:
-            return None
-        along = (pixels[1] - pixels[0]) / np.linalg.norm(pixels[1] - pixels[0])
-        across = np.array([-along[1], along[0]])
-        long = 5 * width * self.unit
-        head = pixels[1] + long * np.array([0 * along, -along + 0.42 * across, -along - 0.42 * across])
-        cv2.fillPoly(self.image, [_fixed_point(head)], colour, cv2.LINE_AA, FRACTION_BITS)
-        cv2.polylines(self.image, [_fixed_point(head)], True, (0, 0, 0), max(1, round(0.6 * self.unit)),
-                      cv2.LINE_AA, FRACTION_BITS)
-        return pixels[1]
-
-    def marker(self, point: np.ndarray, colour: tuple, name: str = "") -> None:
-        """A bulb: a cross with a ring."""
-        if not self._sees(np.asarray(point)[None]):
-            return
-        place = self._in_camera(point)
-        self._ring(self._pixels(place), colour, 6, 2.0)
-        self._cross(self._pixels(place), colour, 9, 1.6)
-        self.label(np.asarray(point)[None], name, colour)
-
-    def click(self, clicked: np.ndarray, fitted: np.ndarray) -> None:
-        """A cross where a person clicked, a ring where the fit put that corner, a line between them."""
-        scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
-        clicked, fitted = np.asarray(clicked) * scale, np.asarray(fitted) * scale
-        reach = 2 * max(self.image.shape)
-        if not np.isfinite(fitted).all() or max(np.abs(clicked).max(), np.abs(fitted).max()) > reach:
-            return
-        self._stroke(np.stack([clicked, fitted]), (255, 60, 160), 1.0)
-        self._ring(fitted, (255, 255, 255), 5, 1.2)
-        self._cross(clicked, (255, 60, 160), 7, 1.2)
-
-    def _ring(self, pixel: np.ndarray, colour: tuple, radius: float, width: float) -> None:
-        turn = np.linspace(0, 2 * np.pi, 33)
-        self._stroke(pixel + radius * self.unit * np.stack([np.cos(turn), np.sin(turn)], 1), colour, width)
-
-    def _cross(self, pixel: np.ndarray, colour: tuple, reach: float, width: float) -> None:
-        for arm in ([1, 1], [1, -1]):
-            ends = np.outer([-1, 1], arm) * reach * self.unit / np.sqrt(2)
-            self._stroke(pixel + ends, colour, width)
-
-    def horizon(self) -> None:
-        """Where level rays meet infinity; none for a camera that looks straight up or down."""
-        ahead = self.camera.world_from_camera[:, 2] * [1, 0, 1]
-        if np.linalg.norm(ahead) < 1e-6:
-            return
-        beside = np.cross(ahead, [0, 1, 0])
-        middle = self.camera.position + float(self.depth.max()) * ahead
-        reach = 1e3 * float(self.depth.max()) * beside
-        pixels = self.line(middle - reach, middle + reach, COLOURS["horizon"], 1.0)
-        if pixels is not None:
-            end = pixels[np.argmax(pixels[:, 0])]
-            place, extent = end - [40 * self.unit, 0], np.full(2, 2 * self.unit)
-            self.labels.append((place, extent, "horizon", COLOURS["horizon"]))
-
-    def axes(self) -> None:
-        """The world's x, y and z, standing where most room is left on the floor, or on whatever is seen."""
-        step = max(1, round(max(self.depth.shape) / 120))
-        depth = self.depth[step // 2 :: step, step // 2 :: step]
-        rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
-        scale = np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
-        pixels = (np.stack([columns, rows], -1) * step + step // 2 + 0.5) * scale
-        points = self.camera.position + depth[..., None] * self.camera.directions(pixels)
-        free = (self.image == self.plain).all(-1).astype(np.uint8)
-        room = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]  # the border is taken, too
-        clearance = room[pixels[..., 1].astype(int), pixels[..., 0].astype(int)]
-        floor = np.abs(points[..., 1]) < COINCIDENT * depth
-        best = np.argmax(np.where(floor, clearance, -1) if floor.any() else clearance)
-        origin = points.reshape(-1, 3)[best]
-        # a round length, a fifth of the photograph at most, whose ends are all seen
-        wanted = 0.2 * 1000 * self.unit * self._in_camera(origin)[2] / self.camera.focal_length
-        decade = 10.0 ** np.floor(np.log10(wanted))
-        lengths = decade * np.array([5, 3, 2, 1, 0.5, 0.3, 0.2, 0.1])
-        lengths = lengths[lengths <= wanted * (1 + 1e-9)]
-        length = next((x for x in lengths if self._sees(origin + x * np.eye(3))), lengths[-1])
-        for name, axis in zip("xyz", np.eye(3)):
-            tip = self.arrow(origin, origin + length * axis, COLOURS[name], 2.4)
-            if tip is not None:
-                start = self._pixels(self._in_camera(origin))
-                out = (tip - start) / max(np.linalg.norm(tip - start), 1e-9)
-                self.labels.append((tip + 16 * self.unit * out, np.full(2, np.inf), name, COLOURS[name]))
-        middle = self._pixels(self._in_camera(origin))
-        extent = np.full(2, 24 * self.unit)
-        name = f"{'floor, ' if floor.any() else ''}{length:g} m"
-        self.labels.append((middle, extent, name, (255, 255, 255)))
-
-    def label(self, points: np.ndarray, text: str, colour: tuple) -> None:
-        """Names the middle of what is seen of `points` (n, 3); of several of one name the first one seen."""
-        if any(text == known for _, _, known, _ in self.labels):
-            return
-        inside = self._in_camera(points)
-        inside = clip_polygon(inside, self.planes) if len(inside) in (3, 4) else inside[inside[:, 2] > 0]
-        if not len(inside):
-            return
-        pixels = self._pixels(inside)
-        low, high = np.zeros(2), np.array([self.camera.width, self.camera.height])
-        if (pixels.max(0) < low).any() or (pixels.min(0) > high).any():
-            return
-        pixels = np.clip(pixels, low, high)
-        self.labels.append((pixels.mean(0), np.ptp(pixels, axis=0), text, colour))
-
-    def finished(self) -> np.ndarray:
-        """Writes the names, each moved until it covers no other, and averages down."""
-        taken: list[tuple[float, float, float, float]] = []
-        for label in self.labels:
-            self._write(*label, taken)
-        return cv2.resize(self.image, self.size, interpolation=cv2.INTER_AREA)
-
-    def _write(self, anchor: np.ndarray, extent: np.ndarray, text: str, colour: tuple, taken: list) -> None:
-        font, scale, thick = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * self.unit, max(1, round(0.9 * self.unit))
-        (width, height), below = cv2.getTextSize(text, font, scale, thick)
-        pad = 3.5 * self.unit
-        box = np.array([width + 2 * pad, height + below + 2 * pad])
-        room = np.array([self.camera.width, self.camera.height]) - box
-        if (room < 0).any():
-            return  # no place for names in so narrow a picture
-        if (extent < 1.6 * box).any():  # beside what is too small to be written on
-            anchor = anchor + [0, (extent[1] + box[1]) / 2 + 2 * self.unit]
-        steps = [(0, 0)] + [step for r in (1, 2, 3, 4) for step in ((0, r), (0, -r), (r / 2, 0), (-r / 2, 0))]
-        corners = [np.clip(anchor - box / 2 + np.multiply(step, box * 1.08), 0, room) for step in steps]
-        others = np.reshape(taken, (-1, 4))
-        free = [c for c in corners if ((c + box <= others[:, :2]) | (c >= others[:, 2:])).any(1).all()]
-        corner = free[0] if free else corners[0]
-        taken.append((*corner, *(corner + box)))
-        left, top = np.round(corner).astype(int)
-        right, bottom = np.round(corner + box).astype(int)
-        plate = self.image[top:bottom, left:right]
-        plate[:] = plate * np.float32(0.3) + np.float32(12)
-        origin = (int(left + pad), int(top + pad + height))
-        cv2.putText(self.image, text, origin, font, scale, colour, thick, cv2.LINE_AA)
-
-
-def _fixed_point(pixels: np.ndarray) -> np.ndarray:
-    # OpenCV counts from the first pixel's centre, this project from its corner
-    return np.round((pixels - 0.5) * 2**FRACTION_BITS).astype(np.int32)
-
-
 def _edges(faces) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Each edge of faces that share some, once."""
     known = set()
@@ -385,6 +110,10 @@ def _draw_lamp(canvas: Canvas, name: str, light: Light) -> None:
             canvas.polygon(value.polygon, COLOURS["lamp"], name)
     for point in points[:1]:
         canvas.marker(point, COLOURS["lamp"], name)
+    many = [position.vector for _, value in light if isinstance(value, list)
+            for position in value if isinstance(position, Position) and position.point is not None]
+    for point in many:
+        canvas.marker(point, COLOURS["lamp"], name, 1.0 if len(many) < 10 else 0.6)
 
 
 def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, direction: Sequence[float] | None

@@ -1,41 +1,52 @@
-"""In-scattering V of sunlight, skylight and bulbs along eye rays, without shadows: closed forms and quadrature.
+"""In-scattering V of sunlight, skylight and light from the ground along eye rays, without shadows.
 
-All functions take `medium` (coefficients, density_path, density_along, daylight_path, top, phase), the eye (3,)
-[m], unit `directions` (..., 3) and radial `depth` (...) [m], and return V (..., 3) at unit strength of the light.
+All functions take `medium` (coefficients, density_path, density_along, daylight_path, top, layered, phase), the eye
+(3,) [m], unit `directions` (..., 3) and radial `depth` (...) [m], and return V (..., 3) at unit strength of the light.
 Phase functions take the cosine between propagation directions.
 
 Where the light's own way is clear, V = p * delta/kappa * (1 - exp(-tau)) whatever the density does along the ray
-(delta/kappa is the same everywhere). Where the fog has a top the light is dimmed on its way down, and the ray
-is cut into cells in which the logarithm of what arrives is taken as linear: exact for homogeneous slabs.
+(delta/kappa is the same everywhere). Where the fog has a top the light is dimmed on its way down. In level layers
+the optical depth above a point is linear in that along the ray, so that sunlight has a closed form and skylight is a
+function of the ray's elevation and optical depth alone. Elsewhere the ray is cut into cells in which the logarithm of
+what arrives is taken as linear in optical depth.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
+from scipy.special import expn
 
-#: Cells along a ray where light is dimmed on its way, and the smallest of them in optical depths.
-CELLS, SMALLEST_CELL = 64, 0.02
-#: Rays at once: a few arrays of CELLS float64 each, some tens of megabytes.
+#: Cells along a ray through uneven fog with a top: even ones, and some that grow from a smallest in optical depths.
+EVEN_CELLS, GROWING_CELLS, SMALLEST_CELL = 112, 48, 0.02
+#: Rays at once: a few arrays of float64 for each cell, some tens of megabytes.
 _RAYS = 16384
-#: Optical depth straight up and sine of the ray's elevation of the table of dimmed skylight.
-_ZENITH_DEPTHS = np.concatenate([[0.0], np.geomspace(1e-3, 60.0, 48)])
-_SINES = np.linspace(-1, 1, 41)
+#: Optical depth behind which nothing is left: exp(-60) is 1e-26.
+DEEPEST = 60.0
+#: Nodes of the tables of skylight by the sine of the ray's elevation, dense round the horizon, where a narrow phase
+#: function sees the sky begin; and by optical depth, as log(tau + _THIN).
+_TURN, _THIN = 300.0, 1e-3
+_SINES, _FINE_SINES = (np.sinh(np.linspace(-1, 1, n) * np.arcsinh(_TURN)) / _TURN for n in (97, 385))
+_DEPTHS, _FINE_DEPTHS = (np.geomspace(_THIN, DEEPEST + _THIN, n) - _THIN for n in (61, 361))
+#: Panels of quadrature over the sky, each half as wide as the last towards a narrow phase function's peak.
+_HALVINGS = 22
 
 
 def directional(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray,
                 light_direction: np.ndarray) -> np.ndarray:
     """V at unit irradiance of parallel light that travels along `light_direction` (3,)."""
-    cosine = -(directions @ np.asarray(light_direction, float))
-    phase = medium.phase().value(cosine)
+    light_direction = np.asarray(light_direction, float)
+    phase = medium.phase().value(-(directions @ light_direction))[..., None]
     if medium.top() is None:
-        return phase[..., None] * veil(medium, eye, directions, depth)
+        return phase * veil(medium, eye, directions, depth)
+    if medium.layered:
+        return phase * _through_layers(medium, eye, directions, depth, light_direction)
 
-    def arriving(points, rays, extinction):
-        return -extinction * medium.daylight_path(points, light_direction)
-
-    return phase[..., None] * _dimmed(medium, eye, directions, depth, arriving)
+    path = medium.daylight(light_direction, np.size(depth) * EVEN_CELLS)
+    return phase * _dimmed(medium, eye, directions, depth, lambda points, sines, value: -value * path(points))
 
 
 def dome(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray, *, upper: bool) -> np.ndarray:
@@ -44,18 +55,22 @@ def dome(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray
     Light from below counts as clear. Skylight under a fog's top crosses fog as deep as straight above each
     point, divided by the sine of its elevation.
     """
-    phase = medium.phase()
+    sines = np.clip(directions[..., 1], -1, 1)
     if not upper or medium.top() is None:
-        share = np.interp(directions[..., 1], _SINES, sky_share(phase))
-        return (share if upper else 1 - share)[..., None] * veil(medium, eye, directions, depth)
-    table = np.log(np.maximum(_dimmed_sky(phase), 1e-300))
-    down = np.array([0.0, -1.0, 0.0])
+        share = np.interp(sines if upper else -sines, _SINES, skylight(medium.phase(), np.zeros(1))[0])
+        return share[..., None] * veil(medium, eye, directions, depth)
+    table = RectBivariateSpline(_across(_DEPTHS), _along(_SINES),
+                                np.log(np.maximum(skylight(medium.phase(), _DEPTHS), 1e-300)))
 
-    def arriving(points, rays, extinction):
-        zenith = np.minimum(extinction * medium.daylight_path(points, down), _ZENITH_DEPTHS[-1])
-        return _bilinear(table, zenith, np.broadcast_to(rays[:, None, 1], zenith.shape))
+    def arriving(zenith, sines):
+        return table.ev(_across(np.clip(zenith, 0, DEEPEST)), _along(sines))
 
-    return _dimmed(medium, eye, directions, depth, arriving)
+    if medium.layered:
+        return _sky_through_layers(medium, eye, directions, depth, arriving)
+    values = [value for value, _, _ in _channels(medium)]
+    paths = dict(zip(values, medium.skylight(values, np.size(depth) * EVEN_CELLS)))
+    return _dimmed(medium, eye, directions, depth,
+                   lambda points, sines, value: arriving(value * paths[value](points), sines))
 
 
 def dome_arrival(medium: Any, points: np.ndarray) -> np.ndarray:
@@ -63,47 +78,91 @@ def dome_arrival(medium: Any, points: np.ndarray) -> np.ndarray:
     if medium.top() is None:
         return np.ones((*np.shape(points)[:-1], 3))
     extinction = np.add(*medium.coefficients())
-    zenith = medium.daylight_path(points, np.array([0.0, -1.0, 0.0]))[..., None] * extinction
-    sines, weights = np.polynomial.legendre.leggauss(24)
-    sines, weights = (sines + 1) / 2, weights / 2
-    return sum(2 * w * s * np.exp(-zenith / s) for s, w in zip(sines, weights))
+    values, channel = np.unique(extinction, return_inverse=True)
+    paths = medium.skylight(np.maximum(values, 1e-300).tolist(), points[..., 0].size)
+    through = [2 * expn(3, value * path(points)) for value, path in zip(values, paths)]
+    return np.stack([through[k] for k in channel], axis=-1)
 
 
 def veil(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """delta/kappa * (1 - exp(-tau)), (..., 3): V in light that is the same all along the ray."""
+    path = medium.density_path(np.asarray(eye, float), eye + depth[..., None] * directions)
+    result = np.zeros((*np.shape(depth), 3))
+    for value, share, same in _channels(medium):
+        result[..., same] = -np.expm1(-value * path)[..., None] * share
+    return result
+
+
+def _channels(medium: Any):
+    """Extinction [1/m] > 0, single-scattering albedo of those channels that have it, and which they are."""
     absorption, scattering = medium.coefficients()
     extinction = absorption + scattering
-    path = medium.density_path(np.asarray(eye, float), eye + depth[..., None] * directions)[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        albedo = np.where(extinction > 0, scattering / np.where(extinction > 0, extinction, 1), 0.0)
-    return -np.expm1(-path * extinction) * albedo
+    for value in np.unique(extinction[extinction > 0]):
+        same = extinction == value
+        yield float(value), scattering[same] / value, same
+
+
+# --- level layers -------------------------------------------------------------------------------------------
+
+
+def _through_layers(medium, eye, directions, depth, light_direction) -> np.ndarray:
+    """delta/kappa times the share of sunlight, (..., 3), that layers dim before and after it is scattered."""
+    ends = eye + depth[..., None] * directions
+    path = medium.density_path(np.asarray(eye, float), ends)
+    down = medium.daylight_path(np.stack([np.broadcast_to(eye, ends.shape), ends], -2), light_direction)
+    result = np.zeros((*np.shape(depth), 3))
+    for value, share, same in _channels(medium):
+        logarithm = -value * down
+        logarithm[..., 1] -= value * path
+        result[..., same] = (value * path * _logarithmic_mean(logarithm)[..., 0])[..., None] * share
+    return result
+
+
+def _sky_through_layers(medium, eye, directions, depth, arriving) -> np.ndarray:
+    """V of skylight: a table of its mean, weighted by exp(-tau), up to an optical depth along a ray."""
+    path = medium.density_path(np.asarray(eye, float), eye + depth[..., None] * directions)
+    above = float(medium.daylight_path(np.asarray(eye, float), np.array([0.0, -1.0, 0.0])))
+    result = np.zeros((*np.shape(depth), 3))
+    for value, share, same in _channels(medium):
+        sines = _FINE_SINES[:, None]
+        logarithm = arriving(value * above - _FINE_DEPTHS * sines, sines) - _FINE_DEPTHS
+        sums = np.cumsum(np.diff(_FINE_DEPTHS) * _logarithmic_mean(logarithm), -1)
+        mean = np.column_stack([logarithm[:, 0], np.log(sums / -np.expm1(-_FINE_DEPTHS[1:]))])
+        spline = RectBivariateSpline(_along(_FINE_SINES), _across(_FINE_DEPTHS), mean)
+        tau = value * path
+        found = np.exp(spline.ev(_along(np.clip(directions[..., 1], -1, 1)), _across(np.minimum(tau, DEEPEST))))
+        result[..., same] = (found * -np.expm1(-tau))[..., None] * share
+    return result
 
 
 # --- light that is dimmed on its way ----------------------------------------------------------------------
 
 
 def _dimmed(medium, eye, directions, depth, arriving) -> np.ndarray:
-    """V of light of which exp(arriving(points (n, k, 3), rays (n, 3), extinction)) reaches each point."""
-    absorption, scattering = medium.coefficients()
-    extinction = absorption + scattering
+    """V of light of which exp(arriving(points (n, 3), sines (n,) of their rays, extinction)) reaches each point."""
+    densest = float(np.add(*medium.coefficients()).max())
     shape, result = np.shape(depth), np.zeros((np.size(depth), 3))
     rays, ends = np.reshape(directions, (-1, 3)), np.reshape(depth, -1).astype(float)
     for first in range(0, len(ends), _RAYS):
         part = slice(first, first + _RAYS)
-        edges = _cells(eye, rays[part], ends[part], float(extinction.max()), medium.top())
+        edges = _cells(eye, rays[part], ends[part], densest, medium.top())
         path = medium.density_along(eye, rays[part], edges)
-        points = eye + edges[..., None] * rays[part][:, None]
-        for value in np.unique(extinction[extinction > 0]):
+        # what reaches a point is asked for only where there is fog to scatter it
+        foggy = np.pad(np.diff(path) > 0, ((0, 0), (1, 1)))
+        foggy = foggy[:, 1:] | foggy[:, :-1]
+        ray = np.nonzero(foggy)[0]
+        points, sines = eye + edges[foggy][:, None] * rays[part][ray], np.clip(rays[part][ray, 1], -1, 1)
+        for value, share, same in _channels(medium):
             tau = path * value
-            logarithm = arriving(points, rays[part], value) - tau
+            logarithm = -tau
+            logarithm[foggy] += arriving(points, sines, value)
             sums = (np.diff(tau, axis=-1) * _logarithmic_mean(logarithm)).sum(-1)
-            same = extinction == value
-            result[part, same] = sums[:, None] * (scattering[same] / value)
+            result[part, same] = sums[:, None] * share
     return result.reshape(*shape, 3)
 
 
 def _cells(eye, rays, ends, extinction, top) -> np.ndarray:
-    """Distances (n, CELLS + 1) [m], rising, of cell borders where the ray is below the fog's top."""
+    """Distances (n, k) [m], rising, of cell borders where the ray is below the fog's top."""
     height = top - eye[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = np.where(rays[:, 1] != 0, height / rays[:, 1], np.inf)
@@ -111,10 +170,12 @@ def _cells(eye, rays, ends, extinction, top) -> np.ndarray:
     end = np.where((height >= 0) & (rays[:, 1] > 0), np.minimum(crossing, ends), ends)
     end = np.where((height < 0) & (rays[:, 1] >= 0), start, end)
     length = np.maximum(end - start, 0.0)
-    smallest = np.minimum(length / CELLS, SMALLEST_CELL / max(extinction, 1e-300))
-    # geometric from the smallest cell on, so that near ones are fine in dense fog and far ones still end the ray
+    smallest = np.minimum(length / GROWING_CELLS, SMALLEST_CELL / max(extinction, 1e-300))
+    # those that grow are fine near the eye in dense fog, the even ones follow what is uneven
     growth = np.log1p(np.maximum(length / np.maximum(smallest, 1e-300), 1.0))
-    steps = np.expm1(np.linspace(0, 1, CELLS + 1) * growth[:, None]) / np.expm1(growth)[:, None]
+    growing = np.expm1(np.linspace(0, 1, GROWING_CELLS + 1) * growth[:, None]) / np.expm1(growth)[:, None]
+    even = np.broadcast_to(np.arange(1, EVEN_CELLS) / EVEN_CELLS, (len(length), EVEN_CELLS - 1))
+    steps = np.sort(np.concatenate([growing, even], axis=1), axis=1)
     return start[:, None] + length[:, None] * steps
 
 
@@ -129,53 +190,40 @@ def _logarithmic_mean(logarithm: np.ndarray) -> np.ndarray:
 # --- the sky's half of the sphere ---------------------------------------------------------------------------
 
 
-def _scattering_angles() -> tuple[np.ndarray, np.ndarray]:
-    """Angles and solid-angle weights (sin included, without the azimuth's 2 pi), fine towards 0 and pi."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    borders = np.concatenate([[0.0], np.pi / 2 * 2.0 ** np.arange(-16, 1)])
-    low, high = borders[:-1, None], borders[1:, None]
-    angles = ((low + high) / 2 + (high - low) / 2 * nodes).ravel()
-    shares = ((high - low) / 2 * weights).ravel() * np.sin(angles)
-    return np.concatenate([angles, np.pi - angles]), np.concatenate([shares, shares])
+def skylight(phase: Any, zenith: np.ndarray, sines: np.ndarray = _SINES) -> np.ndarray:
+    """Phase-weighted share of the sky's light, (n, m), that a layer of optical depth `zenith` (n,) lets through.
 
-
-def sky_share(phase: Any) -> np.ndarray:
-    """Share of the phase-weighted sphere above the horizon by the ray's _SINES of elevation; 1/2 for level rays."""
-    angles, weights = _scattering_angles()
-    density = phase.value(np.cos(angles)) * weights
-    above = _azimuth_above(angles, _SINES[:, None])
-    return (density * above).sum(-1) / density.sum()
-
-
-def _azimuth_above(angles: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """Share of the cone of `angles` round a ray of this sine of elevation that lies above the horizon."""
-    cosine = np.sqrt(np.maximum(1 - sine**2, 0))
-    level, swing = np.cos(angles) * sine, np.sin(angles) * cosine
-    ratio = np.clip(np.where(swing > 1e-12, -level / np.maximum(swing, 1e-12), -np.sign(level) * 2), -1, 1)
-    return np.arccos(ratio) / np.pi
-
-
-def _dimmed_sky(phase: Any) -> np.ndarray:
-    """Phase-weighted skylight (zenith depth, sine of elevation) that a layer above lets through."""
-    angles, weights = _scattering_angles()
-    density = phase.value(np.cos(angles)) * weights
-    azimuths = (np.arange(48) + 0.5) * np.pi / 48
-    result = np.zeros((len(_ZENITH_DEPTHS), len(_SINES)))
-    for j, sine in enumerate(_SINES):
-        cosine = np.sqrt(max(1 - sine**2, 0))
-        height = (np.cos(angles) * sine)[:, None] + np.outer(np.sin(angles) * cosine, np.cos(azimuths))
-        up = height > 1e-9
-        for i, zenith in enumerate(_ZENITH_DEPTHS):
-            through = np.where(up, np.exp(-zenith / np.where(up, height, 1.0)), 0.0).mean(-1)
-            result[i, j] = (density * through).sum() / density.sum()
+    sines (m,): of the elevation of the ray that it is scattered into. For depth 0 the share of the sphere above
+    the horizon: 1/2 for level rays.
+    """
+    azimuths, weights = _gauss(_halving(0, np.pi))
+    across, weights = np.cos(azimuths), 2 * weights
+    result = np.empty((len(zenith), len(sines)))
+    for j, sine in enumerate(sines):
+        # the phase function's peaks lie at the ray's own elevation and, behind, as far below the horizon
+        peak = abs(sine)
+        heights, shares = _gauss(np.unique(np.concatenate([_halving(0, peak), _halving(peak, 1)])))
+        cosines = (heights * sine)[:, None] + np.outer(np.sqrt((1 - heights**2) * (1 - sine**2)), across)
+        result[:, j] = np.exp(-zenith[:, None] / heights) @ (phase.value(cosines) @ weights * shares)
     return result
 
 
-def _bilinear(table: np.ndarray, zenith: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    row = np.clip(np.searchsorted(_ZENITH_DEPTHS, zenith, side="right") - 1, 0, len(_ZENITH_DEPTHS) - 2)
-    across = (zenith - _ZENITH_DEPTHS[row]) / (_ZENITH_DEPTHS[row + 1] - _ZENITH_DEPTHS[row])
-    place = (np.clip(sine, -1, 1) + 1) / 2 * (len(_SINES) - 1)
-    column = np.clip(place.astype(int), 0, len(_SINES) - 2)
-    along = place - column
-    return ((1 - across) * ((1 - along) * table[row, column] + along * table[row, column + 1])
-            + across * ((1 - along) * table[row + 1, column] + along * table[row + 1, column + 1]))
+def _halving(low: float, high: float) -> np.ndarray:
+    """Borders from low to high, twice as near to an end each."""
+    half = 2.0 ** -np.arange(_HALVINGS, 0, -1)
+    return np.concatenate([[low], low + (high - low) * half, (high - (high - low) * half)[::-1], [high]])
+
+
+def _gauss(borders: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights between neighbouring borders."""
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    low, length = borders[:-1, None], np.diff(borders)[:, None]
+    return (low + length * (nodes + 1) / 2).ravel(), (length * weights / 2).ravel()
+
+
+def _along(sines: np.ndarray) -> np.ndarray:
+    return np.arcsinh(_TURN * sines)
+
+
+def _across(depths: np.ndarray) -> np.ndarray:
+    return np.log(depths + _THIN)

@@ -134,27 +134,51 @@ def _smooth(medium, eye, rays, ends, position, radius, cone=None, count=NODES) -
     if cone is not None:
         start, end = _within(cone, eye - position, rays, start, end)
     result = np.zeros((len(ends), 3))
+    borders = _borders(medium, eye, rays, start, end, foot)
+    for low, high in zip(borders[:-1], borders[1:]):
+        some = high > low
+        if some.all():
+            some = slice(None)
+        elif not some.any():
+            continue
+        result[some] += _piece(medium, eye, rays[some], low[some], high[some], foot[some], width[some], position,
+                               cone, count)
+    return result, width
+
+
+def _borders(medium, eye, rays, start, end, foot) -> np.ndarray:
+    """Distances (k, n) [m], rising, between which the integrand is smooth: the ray's nearest point to the lamp, where
+    the equi-angular variable turns, and the heights at which the density bends."""
+    found = [start, np.clip(foot, start, end), end]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for height in medium.bends():
+            crossing = (height - eye[1]) / rays[:, 1]
+            found.append(np.clip(np.where(np.isfinite(crossing), crossing, 0.0), start, end))
+    return np.sort(found, axis=0) if len(found) > 3 else np.array(found)
+
+
+def _piece(medium, eye, rays, low, high, foot, width, position, cone, count) -> np.ndarray:
+    """The part of S (n, 3) of one lamp that is scattered between distances low and high (n,)."""
+    absorption, scattering = medium.coefficients()
+    extinction = absorption + scattering
     nodes, weights = np.polynomial.legendre.leggauss(count)
     nodes, weights = (nodes + 1) / 2, weights / 2
-    turn = np.clip(foot, start, end)
-    for low, high in ((start, turn), (turn, end)):
-        first, last = np.arctan((low - foot) / width), np.arctan((high - foot) / width)
-        # an end far behind everything seen would draw the nodes to where nothing is left
-        angle = first[:, None] + (last - first)[:, None] * nodes
-        along = np.clip(foot[:, None] + width[:, None] * np.tan(angle), low[:, None], high[:, None])
-        points = eye + along[..., None] * rays[:, None]
-        offset = points - position
-        distance = np.sqrt((offset**2).sum(-1))
-        cosine = -(offset * rays[:, None]).sum(-1) / np.maximum(distance, 1e-12)
-        common = medium.phase().value(cosine) * medium.density(points) * weights * (last - first)[:, None]
-        if cone is not None:
-            common = common * cone.share((offset @ cone.axis) / np.maximum(distance, 1e-12))
-        path = (medium.density_along(eye, rays, along)
-                + medium.density_path(position, points))
-        for value in np.unique(extinction):
-            same = extinction == value
-            result[:, same] += (common * np.exp(-value * path)).sum(-1)[:, None] * scattering[same]
-    return result, width
+    first, last = np.arctan((low - foot) / width), np.arctan((high - foot) / width)
+    angle = first[:, None] + (last - first)[:, None] * nodes
+    along = np.clip(foot[:, None] + width[:, None] * np.tan(angle), low[:, None], high[:, None])
+    points = eye + along[..., None] * rays[:, None]
+    offset = points - position
+    distance = np.sqrt((offset**2).sum(-1))
+    cosine = -(offset * rays[:, None]).sum(-1) / np.maximum(distance, 1e-12)
+    common = medium.phase().value(cosine) * medium.density(points) * weights * (last - first)[:, None]
+    if cone is not None:
+        common = common * cone.share((offset @ cone.axis) / np.maximum(distance, 1e-12))
+    path = medium.density_along(eye, rays, along) + medium.density_path(position, points)
+    result = np.empty((len(rays), 3))
+    for value in np.unique(extinction):
+        same = extinction == value
+        result[:, same] = (common * np.exp(-value * path)).sum(-1)[:, None] * scattering[same]
+    return result
 
 
 def _within(cone: Cone, origin: np.ndarray, rays: np.ndarray, start, end) -> tuple[np.ndarray, np.ndarray]:

@@ -56,7 +56,7 @@ class DensityGrid:
         points = np.asarray(points, float)
         flat, result = points.reshape(-1, 3), np.empty(points.size // 3)
         for block in _blocks(np.arange(len(flat))):
-            result[block] = self._looked_up(self._in_cells(flat[block] - self.first).T)
+            result[block] = self._looked_up(self.in_cells(flat[block] - self.first).T)
         return result.reshape(points.shape[:-1])
 
     def path(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -78,8 +78,8 @@ class DensityGrid:
         count = distances.shape[-1]
         distances = np.broadcast_to(distances, (*shape, count)).reshape(-1, count)
         start = np.asarray(origin, float) - self.first
-        starts = self._in_cells(np.broadcast_to(start, (*shape, 3)).reshape(-1, 3))
-        slopes = self._in_cells(np.broadcast_to(directions, (*shape, 3)).reshape(-1, 3))
+        starts = self.in_cells(np.broadcast_to(start, (*shape, 3)).reshape(-1, 3))
+        slopes = self.in_cells(np.broadcast_to(directions, (*shape, 3)).reshape(-1, 3))
         enter, leave = self._part_inside(starts, slopes)
         enter = np.clip(enter, 0.0, distances[:, -1])
         leave = np.clip(leave, enter, distances[:, -1])
@@ -100,6 +100,12 @@ class DensityGrid:
         shape = np.broadcast_shapes(np.shape(points), np.shape(direction))
         back = -np.broadcast_to(direction, shape)
         return self.path_along(points, back, np.full((*shape[:-1], 1), FARTHEST))[..., 0]
+
+    def beside(self, points: np.ndarray) -> np.ndarray:
+        """Whether points (..., 3) [m] lie beyond a bounded axis, (...)."""
+        nodes = self.in_cells(np.reshape(np.asarray(points, float) - self.first, (-1, 3)))
+        beyond = (nodes < 0) | (nodes > np.array(self.values.shape) - 1)
+        return (beyond & ~np.array(self.periodic)).any(-1).reshape(np.shape(points)[:-1])
 
     def encoded(self) -> np.ndarray:
         """The values as whole numbers, (nx, ny, nz) uint16, from `first_level` to LEVELS."""
@@ -122,11 +128,17 @@ class DensityGrid:
         """Level of the lowest value. 0 stands for `outside`; where that is not the lowest, it stays apart."""
         return 0 if all(self.periodic) or self.bounds[0] == np.float32(self.outside) else 2
 
-    def _in_cells(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (N, 3) [m] in cells of the turned grid."""
+    def in_cells(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) [m] in cells of the turned grid."""
         cosine, sine = np.cos(np.radians(self.yaw)), np.sin(np.radians(self.yaw))
         x, y, z = np.moveaxis(vectors, -1, 0)
         return np.stack([x * cosine - z * sine, y, x * sine + z * cosine], axis=-1) / self.spacing
+
+    def turned(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) [m] along the grid's own axes, in the world."""
+        cosine, sine = np.cos(np.radians(self.yaw)), np.sin(np.radians(self.yaw))
+        x, y, z = np.moveaxis(vectors, -1, 0)
+        return np.stack([x * cosine + z * sine, y, -x * sine + z * cosine], axis=-1)
 
     def _part_inside(self, starts: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances [m] at which rays enter and leave the bounded axes; leave <= enter where they miss."""

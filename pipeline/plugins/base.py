@@ -16,7 +16,7 @@ import importlib
 import importlib.metadata
 import inspect
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -248,6 +248,8 @@ class Medium(Plugin):
     """
 
     kind: ClassVar[str] = "media"
+    #: Whether its density depends on height alone.
+    layered: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
         """absorption_coefficient, scattering_coefficient, each (3,) [1/m], where relative density is 1."""
@@ -277,9 +279,22 @@ class Medium(Plugin):
         """
         return np.zeros(np.broadcast_shapes(np.shape(points), np.shape(direction))[:-1])
 
+    def daylight(self, direction: np.ndarray, count: int) -> Callable[[np.ndarray], np.ndarray]:
+        """`daylight_path` along `direction` (3,) as a function of points, made ready for about `count` of them."""
+        return lambda points: self.daylight_path(points, direction)
+
+    def skylight(self, extinctions: Sequence[float], count: int) -> list[Callable[[np.ndarray], np.ndarray]]:
+        """For each extinction [1/m] a function of points, made ready for about `count` of them: integral of the
+        relative density [m], straight up through level layers that would let through as much of an even sky."""
+        return [self.daylight(np.array([0.0, -1.0, 0.0]), count)] * len(extinctions)
+
     def top(self) -> float | None:
         """Height [m] above which there is no fog, or None where it has no end."""
         return None
+
+    def bends(self) -> list[float]:
+        """Heights [m] between which a few nodes follow the density, where it depends on height."""
+        return []
 
     def longest_step(self) -> float:
         """Length [m] of steps by which a midpoint rule follows the density; inf where it is even."""

@@ -7,8 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.physics import light_volume
 from pipeline.physics.density_grid import DensityGrid, density_file
 from pipeline.plugins.media_base import DenseMedium
+
+#: So few points ask each for its own integral; for more of them a table is worked out first.
+FEW_POINTS = 2**15
 
 
 class GriddedMedium(DenseMedium):
@@ -31,6 +35,16 @@ class GriddedMedium(DenseMedium):
         if self.top() is None:
             return super().daylight_path(points, direction)
         return self.grid().path_out(points, direction)
+
+    def daylight(self, direction, count):
+        if self.top() is None or count < FEW_POINTS:
+            return super().daylight(direction, count)
+        return light_volume.sun_paths(self.grid(), direction)
+
+    def skylight(self, extinctions, count):
+        if self.top() is None:
+            return super().skylight(extinctions, count)
+        return light_volume.sky_paths(self.grid(), extinctions)
 
     def top(self):
         grid = self.grid()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from pipeline.plugins.media_base import DenseMedium
@@ -14,6 +16,8 @@ LEVEL = 1e-9
 
 class LayeredMedium(DenseMedium):
     """Fog of a relative density D(y); all its integrals follow from that over height."""
+
+    layered: ClassVar[bool] = True
 
     def level_density(self, height: np.ndarray) -> np.ndarray:
         """D, by height [m]."""

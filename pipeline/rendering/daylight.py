@@ -2,83 +2,129 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, nearest
 from pipeline.estimation.daylight import Patch, fit_daylight
+from pipeline.estimation.surroundings import surroundings
 from pipeline.geometry.regions import polygon_mask
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
-from pipeline.scene.artefacts import read_json
+from pipeline.scene.artefacts import read_json, scene_place
 from pipeline.scene.placed import PlacedScene
 
 #: Asphalt is 0.1, concrete and grass 0.25, dry earth 0.3: where nothing is said, the middle of ordinary ground.
 GUESSED_ALBEDO = 0.2
+#: Where more than this share of a patch's light comes from outside the photograph, that is said.
+MOST_UNSEEN = 0.4
 
 
-def daylight(build: Build, scene: PlacedScene, settings, names: list[str]) -> tuple[dict[str, dict], dict[str, Any]]:
-    """Strengths of the lights `names`, all of type sky or sunlight, and what is worth reporting."""
-    for name in names:
-        if scene.lights[name].type not in ("sky", "sunlight"):
-            raise InputError(f"liu_xing cannot estimate {name}, a light of type {scene.lights[name].type}",
-                             remedy=f"give it a '{scene.lights[name].strength_name}', or choose illumination type karsch")
-    suns = [light for light in scene.lights.values() if light.type == "sunlight"]
-    if suns and not settings.sunlit:
-        raise InputError("a sunlight without sunlit patches",
-                         remedy="outline 'sunlit' patches, or leave the sunlight out under an overcast sky")
-    photograph = read_map(build.photograph)
-    clipped = read_map(build.shared / "clipped.exr") > 0.5
-    normals = {name: np.asarray(normal) for name, normal in read_json(build.geometry)["region_normals"].items()}
-    shadowed, sunlit = (
-        [_patch(f"{kind}[{i}]", one, settings, photograph, clipped, normals)
-         for i, one in enumerate(getattr(settings, kind))] for kind in ("shadowed", "sunlit"))
-    ground = next((np.asarray(light.radiance) for light in scene.lights.values()
-                   if light.type == "ground" and light.radiance is not None), _ground_radiance(build, photograph))
-    fit = fit_daylight(shadowed, sunlit if suns else [], np.asarray(suns[0].direction) if suns else None, ground,
-                       settings.scale)
-    if isinstance(fit, str):
-        raise InputError(fit, remedy="correct the patches in 'illumination'")
-    messages = list(fit.messages)
-    if settings.albedo is None and any(p.albedo is None for p in (*settings.shadowed, *settings.sunlit)):
-        messages.append(f"the ground's albedo is taken as {GUESSED_ALBEDO}: the strength of the light is a guess of that;"
-                        " give 'albedo'")
-    if settings.sunlit and not suns:
-        messages.append("there are sunlit patches but no light of type sunlight; they are not used")
+def daylight(build: Build, scene: PlacedScene, settings, names: list[str], ground: np.ndarray
+             ) -> tuple[dict[str, dict], dict[str, Any]]:
+    """Strengths of the lights `names`, all of type sky or sunlight, and what is worth reporting.
+
+    ground: radiance (3,) of the ground, which lights upright patches whose `sky_visibility` is stated.
+    """
     found = {}
     for name in names:
-        sky = scene.lights[name].type == "sky"
-        found[name] = {"strength": (fit.sky if sky else fit.sun).tolist(),
-                       "standard_error": (fit.sky_error if sky else fit.sun_error).tolist(), "source": "liu_xing"}
-    ratio = float(fit.sun.mean() / max(np.pi * fit.sky.mean(), 1e-300))
-    return found, {"estimator": "liu_xing", "messages": messages, "patches": fit.patches,
-                   "scale_source": "stated albedo" if settings.albedo is not None else "guess",
-                   "sun_over_sky": ratio}
+        kind = scene.lights[name].type
+        if kind not in ("sky", "sunlight"):
+            raise InputError(f"liu_xing cannot estimate {name}, a light of type {kind}",
+                             remedy=f"give it a '{scene.lights[name].strength_name}', or choose illumination type karsch")
+        if kind in found:
+            raise InputError(f"liu_xing cannot tell {found[kind]} and {name} apart, two lights of type {kind}",
+                             remedy=f"give one of them a '{scene.lights[name].strength_name}', or leave it out")
+        found[kind] = name
+    sun = scene.lights[found["sunlight"]] if "sunlight" in found else None
+    if sun is not None and not settings.sunlit:
+        raise InputError(f"{found['sunlight']}, a sunlight, without sunlit patches",
+                         remedy="outline 'sunlit' patches, or leave the sunlight out under an overcast sky")
+    photograph, clipped = read_map(build.photograph), read_map(build.shared / "clipped.exr") > 0.5
+    messages: list[str] = []
+    patches = {kind: _patches(build, scene, settings, kind, photograph, clipped, ground, messages)
+               for kind in ("shadowed", "sunlit")}
+    fit = fit_daylight(patches["shadowed"], patches["sunlit"], None if sun is None else np.asarray(sun.direction),
+                       settings.scale)
+    guessed = settings.albedo is None and any(p.albedo is None for p in (*settings.shadowed, *settings.sunlit))
+    messages += fit.messages
+    if guessed:
+        messages.append(f"the ground's albedo is taken as {GUESSED_ALBEDO}: the strength of the light is a guess of that;"
+                        " give 'albedo'")
+    if settings.sunlit and sun is None:
+        messages.append("no light of type sunlight is to be estimated; the sunlit patches are not used")
+    lights = {name: {"strength": (fit.sky if kind == "sky" else fit.sun).tolist(),
+                     "standard_error": (fit.sky_error if kind == "sky" else fit.sun_error).tolist(),
+                     "source": "liu_xing"} for kind, name in found.items()}
+    sky = float(np.pi * fit.sky.mean())
+    return lights, {"estimator": "liu_xing", "messages": messages, "patches": fit.patches,
+                    "scale_source": "guess" if guessed else "stated albedo",
+                    "sun_over_sky": float(fit.sun.mean()) / sky if sky > 0 else None}
 
 
-def _patch(name: str, described, settings, photograph, clipped, normals) -> Patch:
+def _patches(build: Build, scene: PlacedScene, settings, kind: str, photograph: np.ndarray, clipped: np.ndarray,
+             ground: np.ndarray, messages: list[str]) -> list[Patch]:
+    normals = {name: np.asarray(normal) for name, normal in read_json(build.geometry)["region_normals"].items()}
+    depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
+    patches = []
+    for index, described in enumerate(getattr(settings, kind)):
+        name = f"{kind}[{index}]"
+        try:
+            mask, normal = _mask(name, described, clipped.shape), _normal(name, described.on, normals)
+        except InputError as error:
+            raise error.at(scene_place(build, "illumination", kind)) from None
+        albedo = described.albedo if described.albedo is not None else settings.albedo
+        albedo = np.broadcast_to(np.asarray(GUESSED_ALBEDO if albedo is None else albedo, float), 3)
+        places = np.argwhere(mask)
+        if described.sky_visibility is not None:
+            up = float(1 + normal[1]) / 2
+            sky, reflected = up * described.sky_visibility, (1 - up) * ground
+        else:
+            points = scene.camera.position + depth[mask][:, None] * scene.camera.directions(places[:, ::-1] + 0.5)
+            around = surroundings(scene.camera, points, normal, partial(_cast, scene), photograph, depth, face)
+            sky, reflected = around.sky, around.reflected
+            if around.unseen > MOST_UNSEEN:
+                messages.append(f"{around.unseen:.0%} of the light on {name} comes from what the photograph does not show,"
+                                " taken as bright as what it does; state its sky_visibility")
+        patches.append(Patch(name, photograph[mask], clipped[mask], places, np.maximum(albedo, 1e-4), normal, sky,
+                             reflected))
+    return patches
+
+
+def _cast(scene: PlacedScene, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [m] to the first thing that rays (k, 3) meet, inf for none, and the index of its face, -1 for none."""
+    nearest_hit, face = np.full(len(directions), np.inf), np.full(len(directions), -1)
+    first = 0
+    for shape in scene.shapes.values():
+        distance, index = (found[0] for found in shape.intersect(origin, directions[None]))
+        closer = distance < nearest_hit
+        nearest_hit, face = np.where(closer, distance, nearest_hit), np.where(closer, index + first, face)
+        first += len(shape.faces())
+    return nearest_hit, face
+
+
+def _mask(name: str, described, shape: tuple[int, int]) -> np.ndarray:
     if described.pixels is not None:
-        mask = polygon_mask(clipped.shape, np.asarray(described.pixels, float))
+        mask = polygon_mask(shape, np.asarray(described.pixels, float))
     else:
-        drawn = np.zeros(clipped.shape, np.uint8)
+        drawn = np.zeros(shape, np.uint8)
         centre = np.asarray(described.pixel, float) - 0.5
         cv2.circle(drawn, np.round(centre).astype(int).tolist(), max(1, round(described.radius)), 1, -1)
         mask = drawn > 0
     if not mask.any():
-        raise InputError(f"{name} covers no pixel of the photograph", remedy="give it in pixels of the photograph")
-    if described.on != "ground" and described.on not in normals:
-        raise InputError(f"{name} lies on '{described.on}', which no region is",
-                         remedy=f"use ground{''.join(', ' + n for n in normals)}")
-    normal = np.array([0.0, 1.0, 0.0]) if described.on == "ground" else normals[described.on]
-    albedo = described.albedo if described.albedo is not None else settings.albedo
-    albedo = GUESSED_ALBEDO if albedo is None else albedo
-    return Patch(name, photograph[mask], clipped[mask], np.maximum(np.broadcast_to(np.asarray(albedo, float), 3), 1e-4),
-                 normal, described.sky_visibility)
+        raise InputError(f"{name} covers no pixel of the photograph",
+                         remedy=f"give it in pixels of the photograph, {shape[1]} x {shape[0]}")
+    return mask
 
 
-def _ground_radiance(build: Build, photograph: np.ndarray) -> np.ndarray:
-    faces = read_json(build.geometry)["ground_faces"]
-    ground = np.isin(read_map(build.surfaces)[..., 0], faces)
-    return np.maximum(photograph[ground], 0).mean(0) if ground.any() else np.zeros(3)
+def _normal(name: str, on: str, normals: dict[str, np.ndarray]) -> np.ndarray:
+    if on == "ground":
+        return np.array([0.0, 1.0, 0.0])
+    if on not in normals:
+        known = list(dict.fromkeys(["ground", *normals]))
+        raise InputError(f"{name} lies on '{on}', which no region of one plane is",
+                         remedy=f"use one of {', '.join(known)}{nearest(on, known)}")
+    return normals[on]

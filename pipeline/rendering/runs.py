@@ -49,6 +49,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     points, directions = _grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
     extinction = np.add(*medium.coefficients())
+    uneven = medium.longest_step() < np.inf
     dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
     for light in lights:
         one = scene.lights[light]
@@ -62,15 +63,18 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             continue
         irradiance = _irradiance(scene, light, points)
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
-        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height, _exposure(level),
+        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
+                        _exposure(level, irradiance / np.pi if uneven else None),
                         uneven_samples(scene, medium, "transmittance")))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
             size = (width, height) if isinstance(one, Sun) else small
             # the shadow edges of many small lights blur one another's steps
             count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
-            runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size,
-                            _exposure(_in_scattering(scene, medium, light, directions, points)), count))
+            glow = _in_scattering(scene, medium, light, directions, points)
+            clear = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
+            runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, _exposure(glow, clear),
+                            count))
     return runs
 
 
@@ -126,9 +130,10 @@ def _path(scene: PlacedScene, light: str, points: np.ndarray) -> np.ndarray:
     return scene.lights[light].incident(points)[1]
 
 
-def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray
-                   ) -> np.ndarray:
-    """Rough, unoccluded V along the grid's rays; phase function taken as even."""
+def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray,
+                   through: float = 1.0) -> np.ndarray:
+    """Rough, unoccluded V along the grid's rays; phase function taken as even, and the light's way to have
+    `through` times the stated extinction."""
     eye = scene.camera.position
     total = np.zeros(points.shape[:-1])
     steps = 32
@@ -137,16 +142,19 @@ def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: n
         sample = eye + (points - eye) * ((k + 0.5) / steps)
         path = _path(scene, light, sample)
         step = np.linalg.norm(points - eye, axis=-1) / steps
-        attenuated = np.exp(-medium.optical_depth(eye, sample).mean(-1) - extinction * path)
+        attenuated = np.exp(-medium.optical_depth(eye, sample).mean(-1) - through * extinction * path)
         total += _irradiance(scene, light, sample) * attenuated * scattering / (4 * np.pi) * step
     return total
 
 
-def _exposure(level: np.ndarray) -> float:
-    """Power of two that brings the 90th percentile to the target; 2^k costs no digits."""
-    brightest = float(level.max())
-    if not brightest > 1e-300:
+def _exposure(level: np.ndarray, brightest: np.ndarray | None = None) -> float:
+    """Power of two that brings the 90th percentile to the target; 2^k costs no digits.
+
+    brightest: levels if the light came through clear air, as it may between banks; they must not overflow.
+    """
+    highest = max(float(level.max()), 0.0 if brightest is None else float(brightest.max()))
+    if not highest > 1e-300:
         return 1.0
     # in dense fog what is near outshines the rest by more than a half float spans; it must not overflow
-    wanted = min(TARGET_LEVEL / max(float(np.percentile(level, 90)), 1e-300), HIGHEST_LEVEL / brightest)
+    wanted = min(TARGET_LEVEL / max(float(np.percentile(level, 90)), 1e-300), HIGHEST_LEVEL / highest)
     return float(2.0 ** np.clip(np.round(np.log2(wanted)), -60, 60))

@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.geometry.boxes import AxisBox
 from pipeline.geometry.camera import Camera, yaw_pitch_roll
 from pipeline.imaging.display import displayed
+from pipeline.physics.visibility import visibility, visibility_class
 from pipeline.plugins.base import Medium
 from pipeline.scene.placed import PlacedScene
 
@@ -93,10 +94,10 @@ def fog_facts(medium: Medium, camera: Camera, depth: np.ndarray) -> dict[str, An
     points = camera.position + depth[v, u][..., None] * camera.directions(np.stack([u, v], -1) + 0.5)
     optical_depth = medium.optical_depth(camera.position, points).mean(-1)
     phase = medium.phase().model_dump(mode="json")
-    with np.errstate(divide="ignore"):
-        visibility = -np.log(0.05) / extinction.mean()
+    metres = visibility(extinction)
     return {"type": medium.type, "absorption": absorption.tolist(), "scattering": scattering.tolist(),
-            "extinction": extinction.tolist(), "visibility": float(visibility),
+            "extinction": extinction.tolist(), "visibility": metres,
+            "visibility_class": visibility_class(metres),
             "optical_depth_median": float(np.median(optical_depth)),
             "optical_depth_p99": float(np.percentile(optical_depth, 99)), "phase_function": phase.pop("type"),
             "phase_parameters": {k: v for k, v in phase.items() if isinstance(v, (int, float))}}

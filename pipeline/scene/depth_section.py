@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
+from pipeline.errors import nearest
 from pipeline.plugins.base import Model, Name, Pixel, mistake, parameter
 
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -40,7 +41,7 @@ class RegionDescription(Model):
         known = ["class", *(name for name in cls.model_fields if name != "surface")]
         for key in data if isinstance(data, dict) else ():
             if key not in known and key != "surface":
-                raise mistake("unknown key", f"use one of {', '.join(known)}", at=(key,))
+                raise mistake("unknown key", f"use one of {', '.join(known)}" + nearest(str(key), known), at=(key,))
         return data
 
     @model_validator(mode="after")
@@ -48,10 +49,12 @@ class RegionDescription(Model):
         if (self.pixels is None) == (self.label is None):
             raise mistake("both 'pixels' and 'label' are there" if self.pixels else "no outline",
                           "give either 'pixels' or, with a label image, 'label'")
+        if self.holes and self.pixels is None:
+            raise mistake("'holes' are cut out of 'pixels'", "leave holes unpainted in the label image", at=("holes",))
         upright, ground = self.surface == "vertical", self.surface == "support"
-        for key, fits in {"foot": upright, "depth": upright, "thickness": upright, "near": ground,
+        for key, fits in {"foot": upright, "depth": upright, "thickness": upright, "porous": upright, "near": ground,
                           "far": ground}.items():
-            if getattr(self, key) is not None and not fits:
+            if getattr(self, key) not in (None, False) and not fits:
                 raise mistake(f"'{key}' has no meaning for a region of class {self.surface}", "leave it out",
                               at=(key,))
         if self.foot is not None and self.depth is not None:
@@ -83,6 +86,8 @@ class DepthMap(Model):
         if (self.kind == "disparity") != (self.baseline is not None):
             raise mistake("'baseline' goes with kind disparity",
                           "add 'baseline' [m]" if self.baseline is None else "leave out 'baseline'")
+        if self.kind == "disparity" and self.metres_per_unit is not None:
+            raise mistake("disparity is in pixels", "leave out 'metres_per_unit'", at=("metres_per_unit",))
         return self
 
 
@@ -109,10 +114,14 @@ class DepthSection(Model):
     def _something(self):
         if not self.regions and self.labels is None and self.map is None:
             raise mistake("nothing says how far anything is", "give 'regions', 'labels' or a 'map'")
+        taken: dict[str, str] = {}
         for name, region in self.regions.items():
             if region.label is not None and self.labels is None:
                 raise mistake(f"'{region.label}' is a colour of no picture", "give 'labels', the painted picture",
                               at=("regions", name, "label"))
+            if region.label is not None and taken.setdefault(region.label.lower(), name) != name:
+                raise mistake(f"'{region.label}' is the colour of {taken[region.label.lower()]}, too",
+                              "paint each region in a colour of its own", at=("regions", name, "label"))
         return self
 
     def files(self) -> list[str]:

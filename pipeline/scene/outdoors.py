@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane
-from pipeline.geometry.regions import Region, RegionDepth, depth_of_regions, painted, polygon_mask
-from pipeline.geometry.stand_in import regions_of, stand_in
+from pipeline.geometry.regions import (
+    Region, RegionDepth, RegionError, cut, depth_of_regions, painted, polygon_mask)
+from pipeline.geometry.stand_in import Solid, regions_of, stand_in
+from pipeline.geometry.visibility import COINCIDENT
 from pipeline.imaging.depth_file import read_depth, read_labels
 from pipeline.imaging.edges import refined
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Shape, registry
-from pipeline.scene.artefacts import Edges
+from pipeline.scene.artefacts import Edges, scene_place
 from pipeline.scene.depth_section import DepthSection, RegionDescription
 
 #: Colours of a painted label image, as in the paper's Fig. 7.
@@ -42,20 +46,23 @@ class Outdoors:
         return self.section.sky_depth
 
     def joined(self, shapes: dict[str, Shape], depth: np.ndarray, face: np.ndarray, emitter: np.ndarray
-               ) -> tuple[dict[str, Shape], np.ndarray, np.ndarray]:
-        """Stand-ins as placed shapes; depth and face maps of the regions and, nearer, the scene's own shapes."""
+               ) -> tuple[dict[str, Shape], np.ndarray, np.ndarray, np.ndarray]:
+        """Stand-ins as placed shapes; depth, face and emitter maps of the regions and, nearer, of the scene's own."""
         standing_in = {f"region_{name}": registry("shapes")["mesh"](
             type="mesh", vertices=solid.vertices.tolist(), triangles=solid.triangles.tolist())
             for name, solid in self.solids.items()}
+        if taken := sorted(set(standing_in) & set(shapes)):
+            raise InputError(f"a shape is called '{taken[0]}', which stands in for a region", remedy="rename the shape")
         first = sum(len(shape.faces()) for shape in shapes.values())
         index = {name: first + k for k, name in enumerate(self.solids)}
         of_region = [index.get(name, -1) for name in self._solid_names()]
         regions_face = np.array([*of_region, -1], np.int32)[self.found.labels]
-        nearer = depth < self.found.depth
+        # a lamp drawn on a wall and the wall coincide
+        nearer = depth < self.found.depth * np.where(emitter >= 0, 1 + COINCIDENT, 1.0)
         self.ground_faces = sorted({index[n] for n, r in zip(self._solid_names(), self.found.regions)
                                     if r.kind == "support" and n in index})
         return (standing_in, np.where(nearer, depth, self.found.depth),
-                np.where(nearer, face, regions_face).astype(np.int32))
+                np.where(nearer, face, regions_face).astype(np.int32), np.where(nearer, emitter, -1))
 
     def _solid_names(self) -> list[str | None]:
         names = regions_of(self.solids, self.found.regions)
@@ -63,26 +70,18 @@ class Outdoors:
 
     def edges_beside(self, depth: np.ndarray) -> Edges:
         """Refined borders of the regions; the scene's own shapes before them are as sharp as they are."""
-        porous = np.array([bool(d.porous) for d in self._descriptions()] + [False])[self.found.labels]
+        porous = np.array([region.porous for region in self.found.regions])[self.found.labels]
         layers = refined(self.photograph, self.found.labels, self.found.depth, porous, self.section.refine.radius)
         own = depth < self.found.depth
         alpha = np.where(own, 1.0, layers.alpha)
         front, behind = (np.where(own, depth, d) for d in (layers.front_depth, layers.behind_depth))
+        layers.front[own] = np.maximum(self.photograph, 0)[own]
         return Edges(alpha, front, behind, layers.front, layers.behind)
 
     def normals(self) -> dict[str, list[float]]:
-        """Unit normals towards the camera of regions that lie on one plane, by name."""
-        found = {}
-        for region in self.found.regions:
-            if len(region.planes) == 1:
-                plane = region.planes[0]
-                side = 1.0 if (self.camera.position - plane.point) @ plane.normal >= 0 else -1.0
-                found[region.name] = (side * plane.normal).tolist()
-        return found
-
-    def _descriptions(self) -> list[RegionDescription]:
-        plain = RegionDescription.model_validate({"class": "sky", "label": "#0000ff"})
-        return [self.section.regions.get(region.name.split(":")[0], plain) for region in self.found.regions]
+        """Unit normals towards the camera of the regions' planes, by the planes' names."""
+        sides = {name: 1.0 if plane.distance(self.camera.position) >= 0 else -1.0 for name, plane in self.planes.items()}
+        return {name: (sides[name] * plane.normal).tolist() for name, plane in self.planes.items()}
 
 
 def outdoors(build: Build, camera: Camera, described: dict[str, Any]) -> Outdoors:
@@ -92,47 +91,59 @@ def outdoors(build: Build, camera: Camera, described: dict[str, Any]) -> Outdoor
     if section.map is not None:
         settings = section.map.model_dump()
         known = read_depth(inside(build, settings.pop("file")), camera, **settings)
-    regions = _regions(build, camera, section)
-    found = depth_of_regions(camera, regions, section.sky_depth, known)
+    messages: list[str] = []
+    try:
+        found = depth_of_regions(camera, _regions(build, camera, section, messages), section.sky_depth, known)
+    except RegionError as error:
+        name = error.region.split(":")[0]
+        raise error.at(scene_place(build, "depth", *(("regions", name) if name in section.regions else ("labels",)))
+                       ) from None
     solids = stand_in(camera, found, section.sky_depth)
     planes = {f"{region.name}.{k}" if len(region.planes) > 1 else region.name: plane
               for region in found.regions for k, plane in enumerate(region.planes)}
-    counts = np.bincount(found.labels.ravel(), minlength=len(found.regions)) / found.labels.size
-    facts = {region.name: {
-        "class": region.kind, "share": float(counts[i]),
-        "depth_median_m": float(np.median(found.depth[region.mask])) if region.mask.any() else None,
-        "triangles": len(solids[region.name].triangles) if region.name in solids else 0}
-        for i, region in enumerate(found.regions)}
-    return Outdoors(section, camera, read_map(build.photograph), found, solids, planes, list(found.messages),
+    facts = {region.name: _facts(region, found, solids.get(region.name)) for region in found.regions}
+    return Outdoors(section, camera, read_map(build.photograph), found, solids, planes, messages + found.messages,
                     facts=facts)
 
 
-def _regions(build: Build, camera: Camera, section: DepthSection) -> list[Region]:
+def _facts(region: Region, found: RegionDepth, solid: Solid | None) -> dict[str, Any]:
+    """What is worth reporting of a region."""
+    return {"class": region.kind, "share": float(region.mask.sum() / found.labels.size),
+            "depth_median_m": float(np.median(found.depth[region.at][region.mask])) if region.mask.any() else None,
+            "triangles": len(solid.triangles) if solid else 0, "mesh_error": solid.error if solid else None}
+
+
+def _regions(build: Build, camera: Camera, section: DepthSection, messages: list[str]) -> list[Region]:
     """Regions from the label image first, then those that are outlined, which lie over them."""
-    shape = (camera.height, camera.width)
-    colours = {**PALETTE, **{r.label.lower(): None for r in section.regions.values() if r.label}}
     regions = []
     if section.labels is not None:
-        picture = read_labels(inside(build, section.labels), camera.width, camera.height, list(colours))
         by_colour = {r.label.lower(): (name, r) for name, r in section.regions.items() if r.label}
-        for colour, kind in colours.items():
-            rgb = np.array([int(colour[i:i + 2], 16) for i in (1, 3, 5)], np.uint8)
-            name, own = by_colour.get(colour, (kind, None))
-            # each patch of the palette's red stands by itself
-            apart = (own.surface if own else kind) == "vertical"
-            masks = painted(picture, rgb, apart)
-            for number, mask in enumerate(masks, 1):
-                label = name if len(masks) == 1 else f"{name}:{number}"
-                regions.append(_region(label, own, mask) if own else Region(label, kind, mask))
+        colours = [*PALETTE, *(colour for colour in by_colour if colour not in PALETTE)]
+        picture = read_labels(inside(build, section.labels), camera.width, camera.height, colours)
+        numbers: Counter[str] = Counter()
+        for index, colour in enumerate(colours):
+            name, own = by_colour.get(colour, (PALETTE.get(colour), None))
+            kind = own.surface if own else PALETTE[colour]
+            # each patch of what stands upright stands by itself
+            patches = painted(picture, index, kind == "vertical")
+            alone = len(patches) == 1 and (own is not None or name not in section.regions)
+            for mask, at in patches:
+                numbers[name] += 1
+                # a name with a number is none of the scene file's
+                label = name if alone else f"{name}:{numbers[name]}"
+                region = _region(label, own, mask, at) if own else Region(label, kind, mask, at)
+                regions.append(replace(region, painted=own is None or not alone))
+            if own and not patches:
+                messages.append(f"region {name}: its colour {colour} is nowhere in {section.labels}")
     for name, described in section.regions.items():
         if described.pixels is not None:
-            mask = polygon_mask(shape, np.asarray(described.pixels, float),
+            mask = polygon_mask((camera.height, camera.width), np.asarray(described.pixels, float),
                                 [np.asarray(hole, float) for hole in described.holes])
-            regions.append(_region(name, described, mask))
+            regions.append(_region(name, described, *cut(mask)))
     return regions
 
 
-def _region(name: str, described: RegionDescription, mask: np.ndarray) -> Region:
+def _region(name: str, described: RegionDescription, mask: np.ndarray, at: tuple[slice, slice]) -> Region:
     foot = None if described.foot is None else np.asarray(described.foot, float)
-    return Region(name, described.surface, mask, foot, described.depth, described.near, described.far,
-                  described.thickness)
+    return Region(name, described.surface, mask, at, foot, described.depth, described.near, described.far,
+                  described.thickness, described.porous)

@@ -1,6 +1,6 @@
 """Annotated shapes, lights and depth -> geometry.json (world metres), depth.exr, surfaces.exr, edges.exr.
 
-surfaces.exr: R the index of the visible face, G the index of the light whose emitter is visible, -1 for none.
+surfaces.exr: R the index of the visible face, G of the light whose emitter is visible, B of the region; -1 for none.
 Outdoors, where the photograph's depth comes from regions or a map, the shapes stand in for it: solid things of
 about that depth, for shadows and for light that bounces.
 """
@@ -39,8 +39,13 @@ def run(build: Build) -> None:
     depth, face, emitter = visible(camera, shapes, lights)
     missed = ~np.isfinite(depth)
     build.edges.unlink(missing_ok=True)
+    region = np.full_like(face, -1)
     if open_air is not None:
-        standing_in, depth, face = open_air.joined(shapes, depth, face, emitter)
+        region = np.where(depth < open_air.found.depth, -1, open_air.found.labels)
+        try:
+            standing_in, depth, face, emitter = open_air.joined(shapes, depth, face, emitter)
+        except InputError as error:
+            raise error.at(scene_place(build, "shapes")) from None
         edges = open_air.edges_beside(depth)
         shapes = {**shapes, **standing_in}
         write_edges(build, edges)
@@ -55,8 +60,8 @@ def run(build: Build) -> None:
         depth = np.where(missed, depth[~missed].max(), depth)
     write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"},
               is_depth=True)
-    write_map(build.surfaces, np.stack([face, emitter, np.zeros_like(face)], -1).astype(np.float32),
-              {"fog:content": "R: face index; G: visible light's index; -1: none"})
+    write_map(build.surfaces, np.stack([face, emitter, region], -1).astype(np.float32),
+              {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"})
     write_json(build.geometry, {
         **facts, "shapes": shapes, "lights": lights,
         "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],

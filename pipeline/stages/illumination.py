@@ -14,12 +14,16 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
+from pipeline.plugins.annotations import Position
 from pipeline.rendering.daylight import daylight
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
 from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
+
+#: Pixels round a bulb that its blur fills.
+BULB_BORDER = 3
 
 
 def run(build: Build) -> None:
@@ -38,19 +42,22 @@ def run(build: Build) -> None:
 
     given = {name: s for name, s in read_json(build.input("strengths")).items() if s is not None}
     lights = {name: {"strength": given[name], "source": "given"} for name in given}
-    lights |= _by_means(build, scene, [name for name in scene.lights if name not in given])
+    by_means, notes = _by_means(build, scene, [name for name in scene.lights if name not in given])
+    lights |= by_means
     albedo, faces = np.full((1, 1, 3), 0.5), {}
     try:
         if len(lights) == len(scene.lights):
             report: dict[str, Any] = {"estimator": "none needed: every strength is given", "messages": []}
         elif settings.type == "liu_xing":
-            found, report = daylight(build, scene, settings, [n for n in scene.lights if n not in lights])
+            found, report = daylight(build, scene, settings, [n for n in scene.lights if n not in lights],
+                                     _ground_radiance(build, scene, lights))
             lights |= found
         else:
             albedo, faces, found, report = _by_separation(build, scene, settings, given, templates)
             lights |= found
     except InputError as error:
         raise error.at(scene_place(build, "illumination")) from None
+    report["messages"] = [*notes, *report["messages"]]
     lights = {name: lights[name] for name in scene.lights}
     for name, light in scene.lights.items():
         lights[name].update(quantity=light.strength_name,
@@ -78,27 +85,57 @@ def _write_albedo(build: Build, albedo: np.ndarray) -> None:
     write_map(build.albedo, albedo, {"fog:content": "estimated diffuse albedo"})
 
 
-def _by_means(build: Build, scene: PlacedScene, names: list[str]) -> dict[str, dict]:
-    """Lights that are what the photograph shows on average: of its surfaces, or of its ground."""
-    found = {}
+def _by_means(build: Build, scene: PlacedScene, names: list[str]) -> tuple[dict[str, dict], list[str]]:
+    """Lights that are what the photograph shows on average: of its surfaces, or of its ground; and notes."""
+    found, messages = {}, []
     for name in names:
         which = {"ambient": "surfaces", "ground": "ground"}.get(scene.lights[name].type)
-        if which is not None:
-            found[name] = {"strength": _mean_radiance(build, which),
-                           "source": f"mean of the photograph's {which}"}
-    return found
+        if which is None:
+            continue
+        mean = _mean_radiance(build, scene, which)
+        if mean is None:
+            messages.append(f"the photograph shows no {which}, so {name} is taken as 0; give it a"
+                            f" '{scene.lights[name].strength_name}'")
+        found[name] = {"strength": [0.0, 0.0, 0.0] if mean is None else mean.tolist(),
+                       "source": f"mean of the photograph's {which}"}
+    return found, messages
 
 
-def _mean_radiance(build: Build, which: str) -> list[float]:
+def _mean_radiance(build: Build, scene: PlacedScene, which: str) -> np.ndarray | None:
     """Mean radiance (3,) of the photograph's surfaces, lamps and sky left out, or of those that face up."""
     surfaces, geometry = read_map(build.surfaces), read_json(build.geometry)
-    chosen = surfaces[..., 1] < 0
+    chosen = (surfaces[..., 1] < 0) & ~_bulbs(scene)
     if geometry["outdoors"]:
         chosen &= surfaces[..., 0] >= 0
     if which == "ground":
-        chosen &= np.isin(surfaces[..., 0], geometry["ground_faces"])
+        chosen &= np.isin(surfaces[..., 0], geometry.get("ground_faces", []))
     photograph = np.maximum(read_map(build.photograph), 0)
-    return photograph[chosen].mean(0).tolist() if chosen.any() else [0.0, 0.0, 0.0]
+    return photograph[chosen].mean(0, dtype=float) if chosen.any() else None
+
+
+def _bulbs(scene: PlacedScene) -> np.ndarray:
+    """Pixels (H, W) that show bulbs, with a border that a lens's blur fills: a thousand times as bright as what they
+    light, a few of them would outshine all surfaces."""
+    camera = scene.camera
+    mask = np.zeros((camera.height, camera.width), np.uint8)
+    for light in scene.lights.values():
+        for place in [getattr(light, "position", None), *getattr(light, "positions", [])]:
+            if not isinstance(place, Position) or place.point is None:
+                continue
+            pixel, depth = camera.project(place.vector)
+            if depth > 0 and np.abs(pixel).max() < 1e5:
+                reach = 2 * camera.focal_length * getattr(light, "radius", 0.0) / depth + BULB_BORDER
+                cv2.circle(mask, np.round(pixel - 0.5).astype(int).tolist(), int(np.ceil(min(reach, 1e4))), 1, -1)
+    return mask > 0
+
+
+def _ground_radiance(build: Build, scene: PlacedScene, lights: dict[str, dict]) -> np.ndarray:
+    """Radiance (3,) of the ground, which lights upright patches: of the scene's own light, or as photographed."""
+    stated = [lights[name]["strength"] for name, light in scene.lights.items() if light.type == "ground"]
+    if stated:
+        return np.asarray(stated[0], float)
+    mean = _mean_radiance(build, scene, "ground")
+    return np.zeros(3) if mean is None else mean
 
 
 def _by_separation(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates):

@@ -11,20 +11,28 @@ from typing import Any
 import numpy as np
 
 from pipeline.imaging.atomic import replacing
+from pipeline.imaging.canvas import LONG_SIDE
 from pipeline.imaging.display import (
-    LONGEST, data_uri, depth_picture, display_exposure, displayed, shrunk, tone_factor, write_png)
+    FLOAT_KINDS, LONGEST, data_uri, depth_picture, display_exposure, displayed, shrunk, tone_factor, write_png)
 from pipeline.imaging.maps import read_map
-from pipeline.imaging.overlay import COLOURS, LONG_SIDE, overlay
+from pipeline.imaging.overlay import COLOURS, overlay
+from pipeline.imaging.overlay_outdoors import OpenAir
 from pipeline.paths import Build
 from pipeline.reporting.facts import (
     camera_facts, corner_fits, estimated_error, fog_facts, light_rows, notices, sun_rows)
 from pipeline.reporting.manifest import links, manifest_of, run_seconds, stage_seconds
+from pipeline.reporting.outdoors import fog_rows, open_air, own_shapes, patch_rows, region_rows
 from pipeline.reporting.page import page
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.scene.placed import PlacedScene
 
-PARTS = ("photograph", "camera", "shapes", "lights", "strengths", "illumination", "sun_direction", "fog",
+PARTS = ("photograph", "camera", "depth", "shapes", "lights", "strengths", "illumination", "sun_direction", "fog",
          "render")
-FLOAT_KINDS = (".exr", ".hdr")
+#: What the overlay's colours mean.
+KEY = {"room": "room", "shape": "shapes; thin where hidden", "support": "ground", "vertical": "upright regions",
+       "sky": "sky", "map": "by the depth map", "foot": "foot lines, posts", "sunlit": "in the sun, sunlight",
+       "shadowed": "in the shade, shadows", "lamp": "lamps", "window": "windows", "patch": "sun patches as annotated",
+       "cast": "windows cast along the sun", "shaft": "volume of the sunlight", "sun": "sun", "horizon": "horizon"}
 
 
 def run(build: Build) -> None:
@@ -37,8 +45,10 @@ def run(build: Build) -> None:
     radiance, depth = read_map(build.photograph), read_map(build.depth)
 
     exposure = display_exposure(radiance) if artefacts["facts"]["suffix"] in FLOAT_KINDS else 1.0
-    drawn = overlay(displayed(shrunk(radiance, LONG_SIDE[1]), exposure), scene.camera, scene.shapes,
-                    scene.lights, depth, corner_fits(parameters["shapes"], scene))
+    air = open_air(artefacts["geometry"], parameters, read_map(build.surfaces))
+    drawn = overlay(displayed(shrunk(radiance, LONG_SIDE[1]), exposure), scene.camera,
+                    own_shapes(scene.shapes, artefacts["geometry"]), scene.lights, depth,
+                    corner_fits(parameters["shapes"], scene), air)
     write_png(build.overlay, drawn)
 
     seconds = {"stages": stage_seconds(build), "runs": run_seconds(build, artefacts["plan"])}
@@ -52,6 +62,8 @@ def run(build: Build) -> None:
         lights=light_rows(artefacts["illumination"], read_json(build.input("gains"))),
         suns=sun_rows(artefacts["suns"]), camera=camera_facts(scene.camera, artefacts["camera"]),
         residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, scene.camera, depth),
+        regions=region_rows(artefacts["geometry"]), patches=patch_rows(artefacts["illumination"]),
+        illumination=artefacts["illumination"], fogs=fog_rows(build), key=_key(scene, air, parameters),
         seconds=seconds, errors=errors, manifest=manifest, plan=artefacts["plan"], facts=artefacts["facts"],
         links=links(build, artefacts), exposure=exposure,
         colours={name: "#%02x%02x%02x" % rgb for name, rgb in COLOURS.items()})
@@ -59,16 +71,31 @@ def run(build: Build) -> None:
         name.write_text(text, encoding="utf-8")
 
 
+def _key(scene: PlacedScene, air: OpenAir | None, parameters: dict[str, Any]) -> list[tuple[str, str]]:
+    """Colours that the overlay uses for this scene, with what they mean."""
+    kinds = {light.type for light in scene.lights.values()}
+    drawn = {"room": not scene.outdoors, "shape": not scene.outdoors or bool(parameters["shapes"]), "horizon": True,
+             "lamp": bool(kinds - {"sun", "sunlight", "sky", "ground", "ambient"}),
+             **dict.fromkeys(("window", "patch", "cast", "shaft", "sun"), "sun" in kinds)}
+    if air is not None:
+        found = {kind for _, kind, _ in air.regions}
+        drawn |= {kind: kind in found for kind in ("support", "vertical", "sky", "map")}
+        drawn |= {"foot": bool(air.feet) or bool(air.shadows) or "sunlight" in kinds}
+        drawn |= dict.fromkeys(("sunlit", "shadowed"), bool(air.patches) or bool(air.shadows) or "sunlight" in kinds)
+    return [(name, text) for name, text in KEY.items() if drawn.get(name)]
+
+
 def _pictures(build: Build, plan: dict, radiance: np.ndarray, depth: np.ndarray, drawn: np.ndarray,
               exposure: float) -> dict[str, Any]:
     def picture(linear, factor):
         return data_uri(displayed(shrunk(linear), factor))
 
-    ramp, near, far = depth_picture(depth)
+    ramp, near, far, logarithmic = depth_picture(depth, read_json(build.geometry).get("sky_depth_m"))
     foggy = radiance if plan["fog_is_clear"] else read_map(build.foggy(".exr"))
     pictures = {
         "width": radiance.shape[1], "height": radiance.shape[0], "photograph": picture(radiance, exposure),
         "foggy": picture(foggy, exposure), "depth": data_uri(shrunk(ramp)), "near": near, "far": far,
+        "logarithmic": logarithmic,
         "overlay": data_uri(shrunk(drawn, LONGEST + 100), 90), "in_scattering_lights": []}
     if not plan["fog_is_clear"]:
         total = shrunk(read_map(build.in_scattering()))

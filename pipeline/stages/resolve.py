@@ -45,6 +45,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
         "fog": scene.fog.model_dump(mode="json"),
         "fog_files": {name: _sha256(inside(build, name, text.place(("fog",))), text.place(("fog",)))
                       for name in scene.fog.files()},
+        "fogs": {name: fog.model_dump(mode="json") for name, fog in scene.fogs.items()},
         "render": scene.render.model_dump(mode="json"),
     }
     if scene.camera.fspy:

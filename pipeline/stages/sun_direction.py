@@ -14,6 +14,9 @@ from pipeline.plugins.lights.sun import Sun, shafts
 from pipeline.plugins.lights.sunlight import Sunlight
 from pipeline.scene.artefacts import plugin_from_json, read_camera, read_json, scene_place, write_json
 
+#: A cone wider than this [degree] is no direction to render with before it was looked at.
+MOST_DOUBT = 10.0
+
 
 def run(build: Build) -> None:
     camera = read_camera(build)
@@ -28,7 +31,8 @@ def run(build: Build) -> None:
             if light.direction is not None:
                 suns[name] = _given(name, light)
             elif isinstance(light, Sunlight):
-                stated = ("sun_direction",)
+                if settings.type != "window_patches":
+                    stated = ("sun_direction",)
                 suns[name] = _over_open_ground(name, camera, settings)
             else:
                 suns[name] = _through_windows(name, light, camera, settings)
@@ -46,7 +50,7 @@ def _given(name: str, light: Sun | Sunlight) -> dict:
             raise InputError(f"{name}: direction {direction.tolist()} does not enter through window '{key}'",
                              remedy="let it point from the sun into the room")
     if isinstance(light, Sunlight) and direction[1] >= 0:
-        raise InputError(f"{name}: direction {direction.tolist()} comes from below the horizon",
+        raise InputError(f"{name}: direction {direction.tolist()} does not come from above the horizon",
                          remedy="let it point from the sun downwards, y < 0")
     return {"sun_direction": light.direction, "status": "given", "messages": []}
 
@@ -80,8 +84,16 @@ def _over_open_ground(name: str, camera, settings) -> dict:
                        camera)
         return {"sun_direction": found.direction, "status": "determined", "messages": found.messages,
                 "elevation_degree": found.elevation, "azimuth_from_north_degree": found.azimuth}
-    shadows = [tuple(np.asarray(p, float) for p in (s.foot, s.tip, s.shadow)) for s in settings.shadows]
-    found = direction_from_shadows(camera, shadows, settings.annotation_noise, settings.seed)
-    doubt = [f"{name}: clicks leave {found.confidence:.0f} degrees of doubt"] if found.confidence > 10 else []
-    return {"sun_direction": found.direction, "status": "determined", "confidence_degree": found.confidence,
-            "angle_rms_degree": found.rms, "messages": doubt}
+    found = direction_from_shadows(camera, [(s.foot, s.tip, s.shadow) for s in settings.shadows],
+                                   settings.annotation_noise, settings.seed)
+    doubt = []
+    if not found.agree:
+        worst = int(np.argmax(found.residuals))
+        doubt.append(f"the shadows disagree: {found.rms:.0f} pixels RMS, shadows[{worst}] most; its thing may lean, stand"
+                     " on a slope, or have another shadow")
+    if found.confidence > MOST_DOUBT:
+        doubt.append(f"clicks leave {found.confidence:.0f} degrees of doubt: click a longer shadow, or one nearer to"
+                     " the camera")
+    return {"sun_direction": found.direction, "status": "ambiguous" if doubt else "determined",
+            "confidence_degree": found.confidence, "residual_rms_pixel": found.rms,
+            "residuals_pixel": found.residuals.tolist(), "messages": doubt}

@@ -19,8 +19,10 @@ class GroundPatch(Model):
     on: str = parameter("ground", description="plane that it lies on: ground, or an upright region's name")
     albedo: Reflectance | Annotated[float, Field(gt=0, le=1)] | None = parameter(
         None, "1", description="its diffuse albedo; the estimator's when left out")
-    sky_visibility: float = parameter(
-        1.0, "1", gt=0, le=1, description="share of the sky that houses and trees leave free above it")
+    sky_visibility: float | None = parameter(
+        None, "1", gt=0, le=1, description="share of the sky that houses and trees, taken as black, leave free above it;"
+                                           " worked out from the regions when left out, as if nothing"
+                                           " stood outside the photograph")
 
     @model_validator(mode="after")
     def _one_way(self):

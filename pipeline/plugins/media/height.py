@@ -38,6 +38,11 @@ class Height(LayeredMedium):
     def top(self):
         return self.top_height
 
+    def bends(self):
+        return [h for h in (self.base + self.scale_height * k for k in (0, 1, 2, 4, 8, SCALE_HEIGHTS))
+                if self.top_height is None or h < self.top_height] + (
+            [] if self.top_height is None else [self.top_height])
+
     def level_density(self, height):
         density = np.exp(-np.maximum(height - self.base, 0.0) / self.scale_height)
         return density if self.top_height is None else np.where(height < self.top_height, density, 0.0)

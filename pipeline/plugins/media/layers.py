@@ -35,6 +35,9 @@ class Layers(LayeredMedium):
     def top(self):
         return max(layer.upper for layer in self.layers)
 
+    def bends(self):
+        return sorted({border for layer in self.layers for border in (layer.lower, layer.upper)})
+
     def level_density(self, height):
         height = np.asarray(height, float)
         return sum(layer.density * ((height >= layer.lower) & (height < layer.upper)) for layer in self.layers)
@@ -44,10 +47,9 @@ class Layers(LayeredMedium):
                    for layer in self.layers)
 
     def statement(self) -> dict[str, Any]:
-        borders = sorted({border for layer in self.layers for border in (layer.lower, layer.upper)})
         nodes: list[list[float]] = []
         before = 0.0
-        for border in borders:
+        for border in self.bends():
             after = float(self.level_density(np.array(border)))
             nodes += [[border, before], [border, after]]
             before = after
