@@ -172,7 +172,7 @@ $(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camer
 	$(run) camera
 $(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.json \
   $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
-  $(wildcard pipeline/imaging/edges.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
+  $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)

@@ -59,16 +59,16 @@ def test_sun_direction(linear):
 
 
 def test_depth(linear, solid):
-    """Median within 5 %; the crowns are billboards at their trunks' distance, which the 90th percentile sees."""
+    """Median within 1 %, of each thing within 5 %; a crown's leaves are up to its radius before its trunk."""
     depth, known = solid
     found = read_map(linear.depth).squeeze().astype(float)
     error = np.abs(found[known] / depth[known] - 1)
-    labels = read_map(linear.surfaces)[..., 2][known]
+    labels = read_map(linear.surfaces)[..., 2][known].astype(int)
     assert np.median(error) < 0.01
-    for region in np.unique(labels):
-        part = error[labels == region]
-        assert part.size < 400 or np.median(part) < 0.05, region
-    assert np.percentile(error, 90) < 0.05
+    for index, name in enumerate(read_json(linear.geometry)["regions"]):
+        part = error[labels == index]
+        assert part.size < 400 or np.median(part) < (0.12 if "tree" in name else 0.05), name
+    assert np.percentile(error, 90) < 0.10
 
 
 def test_transmittance(linear, solid):

@@ -354,3 +354,22 @@ def test_the_plugins_face_is_the_plane_of_a_flat_mesh():
     normal = np.array([0, 1, 1]) / np.sqrt(2)
     np.testing.assert_allclose((corners - flat[0]) @ normal, 0, atol=1e-9)
     np.testing.assert_allclose([corners.min(0), corners.max(0)], [[0, 0, -5], [2, 1, -4]], atol=1e-9)
+
+
+# ---- what nearer things hide ---------------------------------------------------------------------------------------
+
+def test_a_wall_goes_on_behind_a_post():
+    """Light must not come through a hole of the shape of what stands before the wall."""
+    wall = drawn("wall", "vertical", rectangle(30, 20, 130, 70), depth=60.0)
+    post = drawn("post", "vertical", rectangle(70, 10, 76, 95), depth=12.0)
+    _, solids = placed(wall, post)
+    assert np.isfinite(hits(solids["wall"])[25:65, 35:125]).all()
+
+
+def test_a_wall_does_not_go_on_across_the_sky_or_before_what_is_behind_it():
+    arch = Region("arch", "vertical", *cut(polygon_mask((120, 160), rectangle(30, 10, 130, 90),
+                                                        [rectangle(60, 20, 100, 46)])), depth=60.0, thickness=0.0)
+    tower = drawn("tower", "vertical", rectangle(62, 22, 98, 44), depth=300.0)
+    for behind in ((), (tower,)):
+        _, solids = placed(*behind, arch)
+        assert not np.isfinite(hits(solids["arch"])[24:42, 64:96]).any()

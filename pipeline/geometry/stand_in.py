@@ -7,7 +7,7 @@ a mesh, of triangles as large as a stated share of error in depth allows.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -28,6 +28,8 @@ GRID = 128
 RIGHT_RAYS = 0.95
 #: Rays by which a mesh's depth is compared to the map's.
 PROBES = 1500
+#: What hides a thing is nearer by this factor.
+HIDES = 1.05
 #: Share of depth, of `sky_depth`, from which on nothing stands in.
 OUT_OF_REACH = 0.999
 
@@ -51,7 +53,7 @@ def stand_in(camera: Camera, found: RegionDepth, sky_depth: float, tolerance: fl
         if region is level:
             solid = _ground(camera, reach)
         elif region.mask.any() and (region.kind == "vertical" or region.near is not None):
-            solid = _slab(camera, region, sky_depth)
+            solid = _slab(camera, _completed(camera, region, found), sky_depth)
         elif region.kind == "map":
             solid = _mesh(camera, region, found, sky_depth, tolerance)
         else:
@@ -70,6 +72,26 @@ def _ground(camera: Camera, reach: float) -> Solid:
     corners = np.array([[x - reach, 0, z - reach], [x + reach, 0, z - reach], [x + reach, 0, z + reach],
                         [x - reach, 0, z + reach]])
     return Solid(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def _completed(camera: Camera, region: Region, found: RegionDepth) -> Region:
+    """An upright region with what nearer upright things hide of it: within its convex hull it goes on behind them.
+
+    A house with a hole in the shape of the tree before it would let the sun through there.
+    """
+    if region.kind != "vertical":
+        return region
+    rows, columns = np.nonzero(region.mask)
+    hull = cv2.convexHull(np.stack([columns, rows], 1).astype(np.int32))
+    inside = cv2.fillConvexPoly(np.zeros(region.mask.shape, np.uint8), hull, 1) > 0
+    others = np.array([other.kind in ("vertical", "map") for other in found.regions])
+    hidden = np.nonzero(inside & ~region.mask & others[found.labels[region.at]])
+    where = (hidden[0] + (region.at[0].start or 0), hidden[1] + (region.at[1].start or 0))
+    own = depth_along(camera, region, camera.directions(np.stack(where[::-1], -1) + 0.5), where, np.inf)
+    nearer = found.depth[where] < own / HIDES
+    mask = region.mask.copy()
+    mask[hidden[0][nearer], hidden[1][nearer]] = True
+    return replace(region, mask=mask)
 
 
 def _slab(camera: Camera, region: Region, sky_depth: float) -> Solid:

@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-#: Gauss-Legendre nodes on each side of a ray's nearest point to the lamp.
-NODES, NODES_COARSE = 16, 10
-#: Optical depth behind which nothing is seen: exp(-40) is below the rounding of a double.
-DEEPEST = 40.0
+#: Gauss-Legendre nodes of each piece of a ray, and the widths H off its nearest point to the lamp at which it is cut.
+NODES, NODES_COARSE, BESIDE = 10, 6, 8.0
 #: Pixels a step of the coarse grid; coarse steps round a lamp in which every ray is exact, and in which 1 / H is.
 COARSE, EXACT, FINE = 8, 4, 12
 #: Fewer rays than this are all exact.
@@ -125,8 +123,6 @@ def arrival(medium: Any, points: np.ndarray, normals: np.ndarray, positions: np.
 
 def _smooth(medium, eye, rays, ends, position, radius, cone=None, count=NODES) -> tuple[np.ndarray, np.ndarray]:
     """S (n, 3) and H (n,) [m], V = S / H, of one lamp along rays (n, 3) to `ends` (n,)."""
-    absorption, scattering = medium.coefficients()
-    extinction = absorption + scattering
     foot = rays @ (position - eye)
     aside = np.maximum(((position - eye) ** 2).sum() - foot**2, 0.0)
     width = np.sqrt(aside + radius**2)
@@ -134,7 +130,7 @@ def _smooth(medium, eye, rays, ends, position, radius, cone=None, count=NODES) -
     if cone is not None:
         start, end = _within(cone, eye - position, rays, start, end)
     result = np.zeros((len(ends), 3))
-    borders = _borders(medium, eye, rays, start, end, foot)
+    borders = _borders(medium, eye, rays, start, end, foot, width)
     for low, high in zip(borders[:-1], borders[1:]):
         some = high > low
         if some.all():
@@ -146,15 +142,16 @@ def _smooth(medium, eye, rays, ends, position, radius, cone=None, count=NODES) -
     return result, width
 
 
-def _borders(medium, eye, rays, start, end, foot) -> np.ndarray:
+def _borders(medium, eye, rays, start, end, foot, width) -> np.ndarray:
     """Distances (k, n) [m], rising, between which the integrand is smooth: the ray's nearest point to the lamp, where
-    the equi-angular variable turns, and the heights at which the density bends."""
-    found = [start, np.clip(foot, start, end), end]
+    the equi-angular variable turns, where it grows fast, and the heights at which the density bends."""
+    found = [start, foot - BESIDE * width, foot, foot + BESIDE * width, end]
     with np.errstate(divide="ignore", invalid="ignore"):
         for height in medium.bends():
             crossing = (height - eye[1]) / rays[:, 1]
-            found.append(np.clip(np.where(np.isfinite(crossing), crossing, 0.0), start, end))
-    return np.sort(found, axis=0) if len(found) > 3 else np.array(found)
+            found.append(np.where(np.isfinite(crossing), crossing, 0.0))
+    found = np.clip(found, start, end)
+    return np.sort(found, axis=0) if len(found) > 5 else found
 
 
 def _piece(medium, eye, rays, low, high, foot, width, position, cone, count) -> np.ndarray:

@@ -190,6 +190,10 @@ class Light(Plugin):
         """(n, 3) [m], where the light can be seen in the photograph, or None."""
         return None
 
+    def bulbs(self) -> tuple[np.ndarray, float]:
+        """Positions (n, 3) [m] and common radius [m] of small lamps that can be seen in the photograph."""
+        return np.zeros((0, 3)), 0.0
+
     def sub_light_count(self) -> int:
         """POV-Ray lights that it is stated as; what a render costs grows with it."""
         return 1

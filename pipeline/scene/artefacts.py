@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.imaging import photograph as photographs
 from pipeline.imaging.atomic import replacing
+from pipeline.imaging.glare import Glare
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import Plugin, registry
@@ -21,6 +22,8 @@ from pipeline.scene.placed import PlacedScene
 
 #: Of a density grid or a painted label image.
 MAX_FILE_BYTES = 512 * 2**20
+#: Share of a pixel that a lamp's glare covers.
+THIN = 1e-4
 REMAKE = "remove the scene's build folder and run make again"
 
 
@@ -152,6 +155,18 @@ class Edges:
     @property
     def mixed(self) -> np.ndarray:
         return (self.alpha < 1) & (self.front_depth != self.behind_depth)
+
+    def with_glare(self, glare: Glare, photograph: np.ndarray) -> Edges:
+        """The same with lamps' light as a layer in front that covers next to nothing, and so leaves V as it is."""
+        on = glare.light >= 0
+        alpha, front_depth, behind_depth = self.alpha.copy(), self.front_depth.copy(), self.behind_depth.copy()
+        front, behind = self.front.copy(), self.behind.copy()
+        # of a pixel that shows two things already the larger one is what is behind the lamp
+        behind_depth[on] = np.where(alpha[on] > 0.5, front_depth[on], behind_depth[on])
+        alpha[on], front_depth[on] = THIN, glare.distance[on]
+        front[on] = glare.radiance[on] / THIN
+        behind[on] = np.maximum(photograph[on] - glare.radiance[on], 0) / (1 - THIN)
+        return Edges(alpha, front_depth, behind_depth, front, behind)
 
 
 def write_edges(build: Build, edges: Edges) -> None:

@@ -124,8 +124,9 @@ def _regions(build: Build, camera: Camera, section: DepthSection, messages: list
         for index, colour in enumerate(colours):
             name, own = by_colour.get(colour, (PALETTE.get(colour), None))
             kind = own.surface if own else PALETTE[colour]
-            # each patch of what stands upright stands by itself
-            patches = painted(picture, index, kind == "vertical")
+            # each patch of what stands upright stands by itself, unless it is said where all of it stands
+            placed = own is not None and (own.foot is not None or own.depth is not None)
+            patches = painted(picture, index, kind == "vertical" and not placed)
             alone = len(patches) == 1 and (own is not None or name not in section.regions)
             for mask, at in patches:
                 numbers[name] += 1

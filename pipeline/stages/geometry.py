@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.geometry.planes import Plane
 from pipeline.geometry.visibility import visible
+from pipeline.imaging.glare import glare
 from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import World
@@ -46,7 +47,9 @@ def run(build: Build) -> None:
             standing_in, depth, face, emitter = open_air.joined(shapes, depth, face, emitter)
         except InputError as error:
             raise error.at(scene_place(build, "shapes")) from None
-        edges = open_air.edges_beside(depth)
+        lamps = glare(camera, lights, depth, open_air.photograph)
+        emitter = np.where(lamps.light >= 0, lamps.light, emitter)
+        edges = open_air.edges_beside(depth).with_glare(lamps, open_air.photograph)
         shapes = {**shapes, **standing_in}
         write_edges(build, edges)
         facts |= {"ground_faces": open_air.ground_faces, "sky_depth_m": open_air.sky_depth,

@@ -67,6 +67,9 @@ class Lamps(Light):
     def sub_light_count(self):
         return len(self.positions)
 
+    def bulbs(self):
+        return self.points, self.radius
+
     def incident(self, points):
         points = np.asarray(points, float)
         irradiance, weighted = np.zeros(points.shape[:-1]), np.zeros(points.shape[:-1])

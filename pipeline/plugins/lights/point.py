@@ -27,6 +27,9 @@ class Point(Light):
     def placed(self, name, world):
         return self.model_copy(update={"position": self.position.placed(f"{name}.position", world)})
 
+    def bulbs(self):
+        return self.position.vector[None], self.radius
+
     def incident(self, points):
         distance = np.linalg.norm(np.asarray(points, float) - self.position.vector, axis=-1)
         return 1 / (distance**2 + self.radius**2), distance

@@ -54,6 +54,9 @@ class Spot(Light):
         x = np.clip((np.asarray(cosine, float) - outer) / (inner - outer), 0, 1)
         return x * x * (3 - 2 * x)
 
+    def bulbs(self):
+        return self.position.vector[None], self.radius
+
     def incident(self, points):
         offset = np.asarray(points, float) - self.position.vector
         distance = np.linalg.norm(offset, axis=-1)
