@@ -21,8 +21,8 @@ PURE = {"pipeline.physics": {"pipeline.physics", "pipeline.geometry", "pipeline.
         "pipeline.estimation": {"pipeline.estimation", "pipeline.physics", "pipeline.geometry",
                                 "pipeline.errors"}}
 #: Libraries that compute; json turns text into values, and cv2 is watched for its file functions below.
-LIBRARIES = {"__future__", "astral", "collections", "cv2", "dataclasses", "datetime", "fast_simplification", "functools",
-             "itertools", "json", "math", "nlopt", "numpy", "re", "scipy", "shapely", "typing", "zoneinfo"}
+LIBRARIES = {"__future__", "astral", "collections", "cv2", "dataclasses", "datetime", "functools",
+             "itertools", "json", "math", "nlopt", "numpy", "re", "scipy", "shapely", "tinyvdb", "typing", "zoneinfo"}
 #: Functions by which those libraries, or the language itself, read and write files.
 FILE_FUNCTIONS = {"open", "print", "input", "load", "loadtxt", "save", "savez", "savetxt", "fromfile",
                   "tofile", "memmap", "imread", "imwrite", "read_text", "read_bytes",

@@ -2,20 +2,25 @@
 
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tinyvdb
 from pydantic import ValidationError
 
 from pipeline.cli import main
 from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.physics.density_grid import DensityGrid, density_file, read_density_file
+from pipeline.physics.vdb_grid import read_vdb
 from pipeline.plugins.media.grid import Grid
 from tests.test_light_transport import DESCRIBED, chain, run
 from tests.test_noise_fog import even_path, plane_of_points, povray_density, relative_errors, within_bounds
 
 BOX = {"lower": [-1.0, 0.0, -2.0], "upper": [2.0, 1.5, 1.0]}
+#: Written by OpenVDB itself, see reference/make_vdb.py.
+VDB, TILES = ((Path(__file__).parent / "reference" / name).read_bytes() for name in ("density.vdb", "tiles.vdb"))
 
 
 def npy(values) -> bytes:
@@ -172,9 +177,69 @@ def test_a_header_that_promises_too_much_is_refused_before_it_is_believed():
         Grid(visibility=9.0, file="fog.npy", **BOX).loaded(lambda name: header)
 
 
+def ramp() -> np.ndarray:
+    """Grid `density` of density.vdb, as make_vdb.py wrote it: every fourth voxel is inactive, the background 0.05."""
+    i, j, k = np.indices((6, 5, 4))
+    return np.where((i + j + k) % 4, 0.1 * i + 0.02 * j + 0.004 * k, 0.05).astype(np.float32)
+
+
+def of_vdb(data: bytes, **settings) -> Grid:
+    return Grid(visibility=9.0, file="fog.vdb", **BOX, **settings).loaded(lambda name: data)
+
+
+def far_apart() -> bytes:
+    """Two more voxels, at the ends of the range of indices."""
+    file = tinyvdb.from_bytes(VDB)
+    file.read_grids()
+    places = np.array([[10**9, 0, 0], [-10**9, 0, 0]], np.int32)
+    file.extend_grid_from_sparse(1, places.tobytes(), np.ones(2, np.float32).tobytes(), "density")
+    return file.to_bytes()
+
+
+@pytest.mark.parametrize("axes", ["xyz", "zyx"])
+def test_openvdb_says_the_same_as_numpy(axes):
+    np.testing.assert_array_equal(read_vdb(VDB, 120), ramp())
+    one, other = of_vdb(VDB, axes=axes).grid(), grid_of(ramp(), axes=axes).grid()
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.first, other.first)
+
+
+@pytest.mark.parametrize("data, said", [
+    (b"no grid", "no OpenVDB file, or a damaged one"),
+    (VDB[:len(VDB) // 2], "no OpenVDB file, or a damaged one"),
+    (VDB[:-1], "no OpenVDB file, or a damaged one"),
+    (VDB.replace(b"Tree_float", b"Tree_int32"), "grid 'density' is of type 'Tree_int32_5_4_3'"),
+    (VDB.replace(b"Tree_float", b"Tree_int32").replace(b"density", b"daytime"), "has no grid of floats"),
+    (TILES, "active tiles"),
+    (TILES.replace(b"file_voxel_count", b"file_voxel_other"), "active tiles"),
+    (far_apart(), "span 2000000001 x "),
+])
+def test_openvdb_files_that_are_refused(data, said):
+    with pytest.raises(InputError, match=said) as caught:
+        of_vdb(data)
+    assert "\n" not in str(caught.value)
+
+
+def test_openvdb_is_measured_before_it_is_made_dense():
+    with pytest.raises(ValueError, match="span 6 x 5 x 4, more than 119 values"):
+        read_vdb(VDB, 119)
+    with pytest.raises(ValueError, match="more than 89 voxels are active"):
+        read_vdb(VDB, 89)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_damaged_openvdb_is_read_or_refused(seed):
+    random, data = np.random.default_rng(seed), np.frombuffer(VDB, np.uint8).copy()
+    # behind the number of grids: the library reserves memory for as many as it says
+    data[random.integers(100, len(data), 20)] = random.integers(0, 256, 20)
+    try:
+        of_vdb(data.tobytes())
+    except InputError as error:
+        assert "\n" not in str(error) and str(error).startswith("fog.vdb: ")
+
+
 @pytest.mark.parametrize("settings, said", [
-    ({"file": "fog.vdb", **BOX}, "OpenVDB files cannot be read"),
-    ({"file": "fog.txt", **BOX}, "name a .npy or .df3 file"),
+    ({"file": "fog.txt", **BOX}, "name a .npy, .df3 or .vdb file"),
     ({"file": "fog.npy"}, "stated in no way"),
     ({"file": "fog.npy", **BOX, "centre": [0.0, 0.0, 0.0]}, "or in two"),
     ({"file": "fog.npy", "lower": [0.0, 0.0, 0.0], "upper": [1.0, -1.0, 1.0]}, "not above lower"),

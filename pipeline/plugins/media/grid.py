@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, StringConstraints, model_validator
 
 from pipeline.errors import InputError
 from pipeline.physics.density_grid import DensityGrid, bounded, read_density_file
+from pipeline.physics.vdb_grid import read_vdb
 from pipeline.plugins.base import Finite, Vector, mistake, parameter
 from pipeline.plugins.gridded_medium import GriddedMedium
 
@@ -29,7 +30,8 @@ class Grid(GriddedMedium):
 
     type: Literal["grid"] = "grid"
     file: Annotated[str, StringConstraints(min_length=1, max_length=200)] = parameter(
-        description="in the scene's folder: NumPy .npy (3D, numbers) or POV-Ray .df3")
+        description="in the scene's folder: NumPy .npy (3D, numbers), POV-Ray .df3 or OpenVDB .vdb (its grid "
+                    "'density', else its first of floats: the box of active voxels; its own transform is not used)")
     lower: Vector | None = parameter(None, "m", description="corner of the box, with `upper`")
     upper: Vector | None = parameter(None, "m", description="opposite corner")
     centre: Vector | None = parameter(None, "m", description="of the box, with `size`, instead of corners")
@@ -53,11 +55,8 @@ class Grid(GriddedMedium):
         if self.lower is not None and not all(a < b for a, b in zip(self.lower, self.upper)):
             raise mistake(f"upper = {self.upper} is not above lower = {self.lower} in x, y and z",
                           "swap the values that are", ("upper",))
-        if self.file.lower().endswith(".vdb"):
-            raise mistake("OpenVDB files cannot be read: no maintained wheel of its library exists",
-                          "save the grid as .npy", ("file",))
-        if not self.file.lower().endswith((".npy", ".df3")):
-            raise mistake(f"file = '{self.file}'", "name a .npy or .df3 file", ("file",))
+        if not self.file.lower().endswith((".npy", ".df3", ".vdb")):
+            raise mistake(f"file = '{self.file}'", "name a .npy, .df3 or .vdb file", ("file",))
         return self
 
     def files(self):
@@ -89,6 +88,8 @@ class Grid(GriddedMedium):
         try:
             if self.file.lower().endswith(".df3"):
                 values = read_density_file(data)
+            elif self.file.lower().endswith(".vdb"):
+                values = read_vdb(data, MOST_VALUES)
             else:
                 values = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
         except (ValueError, EOFError, MemoryError, OverflowError) as error:
