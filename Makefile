@@ -210,12 +210,15 @@ ladder: $(READY) | povray
 	$(run) ladder
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow photos photograph schema plugins clean help
+.PHONY: test test-slow bench-lamps photos photograph schema plugins clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
 
 test-slow: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2
+
+bench-lamps: setup
+	@$(PY) -m tests.benchmarks.many_lamps
 
 photos: $(READY)
 	$(run) photos
@@ -247,6 +250,7 @@ help:
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
+	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"

@@ -1,79 +1,64 @@
-"""In-scattering V of point and spot lamps along eye rays, without shadows: the airlight integral.
+"""In-scattering V of point and spot lamps over a photograph, without shadows, and what of their light arrives at surfaces.
 
-A bulb of radius r throws irradiance 1 / (d^2 + r^2) at unit intensity. Along a ray that passes it at a distance
-h this peaks sharply; in the angle theta = atan(t / H), H^2 = h^2 + r^2, t counted from the ray's nearest point, it
-is constant (equi-angular sampling, Kulla and Fajardo 2012), and so is what a few Gauss nodes must follow.
-
-V = S / H with S smooth over the photograph, which lets hundreds of lamps be summed from a coarse grid of rays.
+V = S / H with H the distance at which a ray passes the lamp and S smooth over the photograph (`bulb_integral`), which
+lets hundreds of lamps be summed from a coarse grid of rays.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-#: Gauss-Legendre nodes of each piece of a ray, and the widths H off its nearest point to the lamp at which it is cut.
-NODES, NODES_COARSE, BESIDE = 10, 6, 8.0
+from pipeline.physics.bulb_integral import Cone, Lamp, smooth_part
+
+#: Gauss-Legendre nodes of each piece of a ray of the coarse grid.
+NODES_COARSE = 6
 #: Pixels a step of the coarse grid; coarse steps round a lamp in which every ray is exact, and in which 1 / H is.
 COARSE, EXACT, FINE = 8, 4, 12
+#: Logarithms of depth: so near, a ray serves a pixel beside it as it is, on a plane even at STEEP; else the ray is asked
+#: for depths a RUNG apart.
+SAME_DEPTH, STEEP, RUNG = 0.02, 0.05, 0.05
+#: At most one further depth for so many pixels.
+MOST_FURTHER = 6
+_LIFT = 2**20
+#: Points at once: a few arrays of so many float64 stay in the processor's cache.
+_AT_ONCE = 2**15
 #: Fewer rays than this are all exact.
 FEW_RAYS = 20000
 #: Lamps behind more optical depths than this are left out: exp(-12) is 6e-6.
 UNSEEN = 12.0
-_RAYS = 32768
-
-
-@dataclass(frozen=True)
-class Cone:
-    """A spot's cone: unit axis (3,), cosines of its inner and outer half angle, smoothstep of the cosine between."""
-
-    axis: np.ndarray
-    inner: float
-    outer: float
-
-    def share(self, cosine: np.ndarray) -> np.ndarray:
-        x = np.clip((cosine - self.outer) / (self.inner - self.outer), 0, 1)
-        return x * x * (3 - 2 * x)
 
 
 def bulb(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray, position: np.ndarray,
          radius: float, cone: Cone | None = None) -> np.ndarray:
     """V (..., 3) at unit intensity of a lamp at `position` (3,) [m], along unit rays (..., 3) to `depth` (...)."""
-    shape = np.shape(depth)
-    rays, ends = np.reshape(directions, (-1, 3)), np.reshape(depth, -1).astype(float)
-    result = np.empty((len(ends), 3))
-    for first in range(0, len(ends), _RAYS):
-        part = slice(first, first + _RAYS)
-        smooth, width = _smooth(medium, eye, rays[part], ends[part], np.asarray(position, float), radius, cone)
-        result[part] = smooth / width[:, None]
-    return result.reshape(*shape, 3)
+    smooth, width = smooth_part(medium, eye, np.reshape(directions, (-1, 3)), np.reshape(depth, -1).astype(float),
+                                Lamp(np.asarray(position, float), radius, cone))
+    return (smooth / width[:, None]).reshape(*np.shape(depth), 3)
 
 
 def bulbs(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray, positions: np.ndarray,
           radius: float, weights: np.ndarray) -> np.ndarray:
     """V (..., 3) of lamps at positions (n, 3) of intensities `weights` (n,), all of one radius.
 
-    Over a whole photograph, (H, W), V comes from every COARSE-th ray, not across edges of depth; nearer to each
-    lamp only its smooth part S does, and next to it every ray is exact. What lies behind UNSEEN optical depths is
-    left out.
+    Over a whole photograph, (H, W), V comes from every COARSE-th ray; nearer to each lamp only its smooth part S
+    does, and next to it every ray is exact. What lies behind UNSEEN optical depths is left out.
     """
     seen = np.flatnonzero(visible(medium, eye, positions) & (np.asarray(weights) > 0))
     if np.ndim(depth) != 2 or np.size(depth) < FEW_RAYS:
         return sum((weights[i] * bulb(medium, eye, directions, depth, positions[i], radius) for i in seen),
                    np.zeros((*np.shape(depth), 3)))
-    grid = _Coarse(directions, depth)
-    channels = np.unique(np.add(*medium.coefficients()), return_inverse=True)[1]
-    several = len(set(channels.tolist())) > 1 or np.ptp(medium.coefficients()[1]) > 0
+    grid = _grid_of(directions, depth)
+    rays, ends = grid.directions, grid.depth
+    several = any(np.ptp(one) > 0 for one in medium.coefficients())
     kept = 3 if several else 1
-    coarse, fine = 0.0, np.zeros((*depth.shape, kept))
+    coarse, fine = np.zeros((len(ends), kept)), np.zeros((*depth.shape, kept))
     for i in seen:
         position = np.asarray(positions[i], float)
-        smooth, width = _smooth(medium, eye, grid.directions.reshape(-1, 3), grid.depth.ravel(), position, radius,
-                                count=NODES_COARSE)
+        smooth, width = smooth_part(medium, eye, rays, ends, Lamp(position, radius), NODES_COARSE)
         smooth = weights[i] * smooth[:, :kept]
-        coarse = coarse + smooth / width[:, None]
+        coarse += smooth / width[:, None]
         near = grid.around(position - eye, FINE)
         if near is not None:
             foot = directions[near] @ (position - eye)
@@ -83,14 +68,28 @@ def bulbs(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarra
             one[core] = weights[i] * bulb(medium, eye, directions[near][core], depth[near][core], position,
                                           radius)[..., :kept]
             fine[near] += one - grid.enlarged(smooth / width[:, None], near)
-    total = fine + grid.enlarged(coarse, ...) if len(seen) else fine
-    return np.broadcast_to(total, (*depth.shape, 3)) if not several else total
+    return np.broadcast_to(fine + grid.enlarged(coarse, ...), (*depth.shape, 3))
 
 
 def visible(medium: Any, eye: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Which lamps (n,) are not hidden by the fog before them, whatever surface may hide them."""
+    """Which lamps (n,) are not hidden by the fog before them, whatever surface may hide them.
+
+    Light may come round the thickest fog: by way of a point beside or above, where it is scattered.
+    """
+    eye, positions = np.asarray(eye, float), np.reshape(np.asarray(positions, float), (-1, 3))
     extinction = np.add(*medium.coefficients()).min()
-    return extinction * medium.density_path(np.asarray(eye, float), np.asarray(positions, float)) < UNSEEN
+    depth = extinction * medium.density_path(eye, positions)
+    middle, offset = (eye + positions) / 2, positions - eye
+    distance = np.linalg.norm(offset, axis=-1, keepdims=True)
+    aside = np.cross(offset, [0.0, 1.0, 0.0]) / np.maximum(distance, 1e-12)
+    ways = [middle + side * 0.25 * distance * one for one in (aside, np.array([0.0, 1.0, 0.0])) for side in (-1, 1)]
+    for height in medium.bends():
+        ways += [np.stack(np.broadcast_arrays(one[..., 0], height, one[..., 2]), -1) for one in (eye, middle, positions)]
+    for way in ways:
+        # thin fog there scatters little
+        thin = -np.log(np.clip(medium.density(way), 1e-300, 1.0))
+        depth = np.minimum(depth, extinction * (medium.density_path(eye, way) + medium.density_path(positions, way)) + thin)
+    return depth < UNSEEN
 
 
 def arrival(medium: Any, points: np.ndarray, normals: np.ndarray, positions: np.ndarray, radius: float,
@@ -101,101 +100,29 @@ def arrival(medium: Any, points: np.ndarray, normals: np.ndarray, positions: np.
     """
     extinction = np.add(*medium.coefficients())
     values = np.unique(extinction)
-    total = np.zeros(points.shape[:-1])
-    through = np.zeros((*points.shape[:-1], len(values)))
+    flat, facing = (np.ascontiguousarray(np.reshape(one, (-1, 3)).T, float) for one in (points, normals))
+    total, through = np.zeros(flat.shape[1]), np.zeros((len(values), flat.shape[1]))
+    reach = float(np.abs(flat).max(initial=0.0) + np.abs(positions).max()) * 2
     for position, weight in zip(np.asarray(positions, float), weights):
-        offset = position - points
-        squared = (offset**2).sum(-1)
-        cosine = (offset * normals).sum(-1) / np.sqrt(np.maximum(squared, 1e-24))
-        one = weight * np.maximum(cosine, 0.02) / (squared + radius**2)
-        if cone is not None:
-            one = one * np.maximum(cone.share(-(offset @ cone.axis) / np.sqrt(np.maximum(squared, 1e-24))), 1e-3)
-        total += one
-        path = medium.density_path(position, points)
-        for k, value in enumerate(values):
-            through[..., k] += one * np.exp(-value * path)
-    share = through / np.maximum(total, 1e-300)[..., None]
-    return total, share[..., np.searchsorted(values, extinction)]
-
-
-# --- one lamp -----------------------------------------------------------------------------------------------
-
-
-def _smooth(medium, eye, rays, ends, position, radius, cone=None, count=NODES) -> tuple[np.ndarray, np.ndarray]:
-    """S (n, 3) and H (n,) [m], V = S / H, of one lamp along rays (n, 3) to `ends` (n,)."""
-    foot = rays @ (position - eye)
-    aside = np.maximum(((position - eye) ** 2).sum() - foot**2, 0.0)
-    width = np.sqrt(aside + radius**2)
-    start, end = np.zeros_like(ends), ends
-    if cone is not None:
-        start, end = _within(cone, eye - position, rays, start, end)
-    result = np.zeros((len(ends), 3))
-    borders = _borders(medium, eye, rays, start, end, foot, width)
-    for low, high in zip(borders[:-1], borders[1:]):
-        some = high > low
-        if some.all():
-            some = slice(None)
-        elif not some.any():
-            continue
-        result[some] += _piece(medium, eye, rays[some], low[some], high[some], foot[some], width[some], position,
-                               cone, count)
-    return result, width
-
-
-def _borders(medium, eye, rays, start, end, foot, width) -> np.ndarray:
-    """Distances (k, n) [m], rising, between which the integrand is smooth: the ray's nearest point to the lamp, where
-    the equi-angular variable turns, where it grows fast, and the heights at which the density bends."""
-    found = [start, foot - BESIDE * width, foot, foot + BESIDE * width, end]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for height in medium.bends():
-            crossing = (height - eye[1]) / rays[:, 1]
-            found.append(np.where(np.isfinite(crossing), crossing, 0.0))
-    found = np.clip(found, start, end)
-    return np.sort(found, axis=0) if len(found) > 5 else found
-
-
-def _piece(medium, eye, rays, low, high, foot, width, position, cone, count) -> np.ndarray:
-    """The part of S (n, 3) of one lamp that is scattered between distances low and high (n,)."""
-    absorption, scattering = medium.coefficients()
-    extinction = absorption + scattering
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    nodes, weights = (nodes + 1) / 2, weights / 2
-    first, last = np.arctan((low - foot) / width), np.arctan((high - foot) / width)
-    angle = first[:, None] + (last - first)[:, None] * nodes
-    along = np.clip(foot[:, None] + width[:, None] * np.tan(angle), low[:, None], high[:, None])
-    points = eye + along[..., None] * rays[:, None]
-    offset = points - position
-    distance = np.sqrt((offset**2).sum(-1))
-    cosine = -(offset * rays[:, None]).sum(-1) / np.maximum(distance, 1e-12)
-    common = medium.phase().value(cosine) * medium.density(points) * weights * (last - first)[:, None]
-    if cone is not None:
-        common = common * cone.share((offset @ cone.axis) / np.maximum(distance, 1e-12))
-    path = medium.density_along(eye, rays, along) + medium.density_path(position, points)
-    result = np.empty((len(rays), 3))
-    for value in np.unique(extinction):
-        same = extinction == value
-        result[:, same] = (common * np.exp(-value * path)).sum(-1)[:, None] * scattering[same]
-    return result
-
-
-def _within(cone: Cone, origin: np.ndarray, rays: np.ndarray, start, end) -> tuple[np.ndarray, np.ndarray]:
-    """The part of each ray inside the cone's outer angle; `origin` (3,) is the eye seen from the lamp."""
-    axial, slope = origin @ cone.axis, rays @ cone.axis
-    squared = cone.outer**2
-    a = slope**2 - squared
-    b = axial * slope - squared * (rays @ origin)
-    c = axial**2 - squared * (origin @ origin)
-    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-    a = np.where(np.abs(a) < 1e-12, 1e-12, a)
-    one, two = (-b - root) / a, (-b + root) / a
-    near, far = np.minimum(one, two), np.maximum(one, two)
-    # an ellipse lies between the roots; a hyperbola's branch on the lamp's lit side beyond one of them
-    inside = a < 0
-    low = np.where(inside, near, np.where(slope > 0, far, -np.inf))
-    high = np.where(inside, far, np.where(slope > 0, np.inf, near))
-    lit = (b * b - a * c > 0) & (~inside | (axial + slope * (near + far) / 2 > 0))
-    low, high = np.clip(low, start, end), np.clip(high, start, end)
-    return np.where(lit, low, start), np.where(lit, np.maximum(high, low), start)
+        from_lamp = medium.paths_from(position, reach, flat.shape[1])
+        for first in range(0, flat.shape[1], _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            x, y, z = position[:, None] - flat[:, part]
+            squared = x * x + y * y + z * z
+            distance = np.sqrt(np.maximum(squared, 1e-24))
+            normal = facing[:, part]
+            cosine = (x * normal[0] + y * normal[1] + z * normal[2]) / distance
+            one = weight * np.maximum(cosine, 0.02) / (squared + radius**2)
+            if cone is not None:
+                axial = -(x * cone.axis[0] + y * cone.axis[1] + z * cone.axis[2])
+                one *= np.maximum(cone.share(axial / distance), 1e-3)
+            total[part] += one
+            path = (medium.between(position[1], flat[1, part], distance) if medium.layered
+                    else from_lamp(flat[:, part].T))
+            for k, value in enumerate(values):
+                through[k, part] += one * np.exp(-value * path)
+    share = (through / np.maximum(total, 1e-300))[np.searchsorted(values, extinction)]
+    return total.reshape(points.shape[:-1]), np.moveaxis(share.reshape(3, *points.shape[:-1]), 0, -1)
 
 
 # --- many lamps over a photograph -----------------------------------------------------------------------------
@@ -206,50 +133,79 @@ def _core(outer: tuple[slice, slice], inner: tuple[slice, slice]) -> tuple[slice
     return tuple(slice(i.start - o.start, i.stop - o.start) for o, i in zip(outer, inner))
 
 
+_LAST: dict[str, Any] = {}
+
+
+def _grid_of(directions: np.ndarray, depth: np.ndarray) -> _Coarse:
+    """The grid of a photograph; the last one is kept, for each of its lights asks for the same."""
+    if _LAST.get("directions") is not directions or _LAST.get("depth") is not depth:
+        _LAST.update(directions=directions, depth=depth, grid=_Coarse(directions, depth))
+    return _LAST["grid"]
+
+
+def _steps(length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels of the coarse grid along an axis; for each pixel the step it is in and how far, from 0 to 1."""
+    places = np.unique(np.append(np.arange(0, length, COARSE), length - 1))
+    if len(places) == 1:
+        places = np.append(places, places)
+    step = np.clip(np.searchsorted(places, np.arange(length), side="right") - 1, 0, len(places) - 2)
+    return places, step, (np.arange(length) - places[step]) / np.maximum(np.diff(places)[step], 1)
+
+
+def _with(tap: np.ndarray, where: np.ndarray, values: np.ndarray) -> np.ndarray:
+    tap = tap.copy()
+    tap[where] = values
+    return tap
+
+
 class _Coarse:
-    """Every COARSE-th ray of a photograph, and the weights that bring values on them back to all pixels."""
+    """Every COARSE-th ray of a photograph, to about the depths at which pixels round it end, and what brings values of
+    those back to the pixels: each lies between four rays, and between two depths of each."""
 
     def __init__(self, directions: np.ndarray, depth: np.ndarray):
-        height, width = depth.shape
-        self.rows = np.unique(np.append(np.arange(0, height, COARSE), height - 1))
-        self.columns = np.unique(np.append(np.arange(0, width, COARSE), width - 1))
+        self.shape = depth.shape
+        self.rows, y, fy = _steps(depth.shape[0])
+        self.columns, x, fx = _steps(depth.shape[1])
         at = np.ix_(self.rows, self.columns)
-        self.directions, self.depth, self.shape = directions[at], depth[at], depth.shape
-        y = np.clip(np.searchsorted(self.rows, np.arange(height), side="right") - 1, 0, max(len(self.rows) - 2, 0))
-        x = np.clip(np.searchsorted(self.columns, np.arange(width), side="right") - 1, 0,
-                    max(len(self.columns) - 2, 0))
-        fy = ((np.arange(height) - self.rows[y]) / np.maximum(np.diff(self.rows, append=np.inf)[y], 1))[:, None]
-        fx = ((np.arange(width) - self.columns[x]) / np.maximum(np.diff(self.columns, append=np.inf)[x], 1))[None]
-        # on a plane the inverse of depth is linear over the picture, on a steep one too; elsewhere there is an edge
-        inverse, bilinear = 0.0, []
-        for dy in (0, 1):
-            for dx in (0, 1):
-                tap = (np.minimum(y + dy, len(self.rows) - 1)[:, None], np.minimum(x + dx, len(self.columns) - 1)[None])
-                bilinear.append(np.abs(1 - dy - fy) * np.abs(1 - dx - fx))
-                inverse = inverse + bilinear[-1] / self.depth[tap]
-        plane = np.abs(inverse * depth - 1) < 0.03
-        self.taps, weights = [], []
-        for dy in (0, 1):
-            for dx in (0, 1):
-                tap = (np.minimum(y + dy, len(self.rows) - 1)[:, None], np.minimum(x + dx, len(self.columns) - 1)[None])
-                off = np.abs(self.depth[tap] - depth) / (0.05 * depth + 1e-12)
-                alike = np.where(plane, 1.0, np.exp(-np.minimum(off**2, 300.0)))
-                weights.append(bilinear[2 * dy + dx] * alike + 1e-140 / (1 + off))
-                self.taps.append(np.ravel_multi_index(np.broadcast_arrays(*tap), self.depth.shape))
-        total = sum(weights)
-        self.weights = [(weight / total)[..., None] for weight in weights]
-        self.middle = directions[height // 2, width // 2]
+        self.grid, self.middle = directions[at], directions[depth.shape[0] // 2, depth.shape[1] // 2]
+        own = depth[at]
+        nearest = [np.ravel_multi_index(np.broadcast_arrays((y + dy)[:, None], (x + dx)[None]), own.shape)
+                   for dy in (0, 1) for dx in (0, 1)]
+        weights = [np.abs(1 - dy - fy)[:, None] * np.abs(1 - dx - fx)[None] for dy in (0, 1) for dx in (0, 1)]
+        # on a plane the inverse of depth is linear over the picture; where it is not, or where the plane is steep,
+        # each ray is asked for the two depths of a ladder between which the pixel's lies
+        inverse = sum(weight / own.ravel()[tap] for weight, tap in zip(weights, nearest))
+        plane = np.abs(inverse * depth - 1) < SAME_DEPTH
+        logarithm = np.log(np.maximum(depth, 1e-12))
+        off = np.max([np.abs(np.log(np.maximum(own.ravel()[tap], 1e-12)) - logarithm) for tap in nearest], axis=0)
+        coarser = 1
+        while True:
+            share, rung = np.modf(logarithm / (coarser * RUNG) + _LIFT)
+            far = off > coarser * np.where(plane, STEEP, SAME_DEPTH)
+            keys = np.stack([tap[far] * 2 * _LIFT + rung[far].astype(np.int64) for tap in nearest])
+            further, index = np.unique(np.stack([keys, keys + 1]), return_inverse=True)
+            # leaves before the sky have a depth at every pixel: then less accuracy must do
+            if len(further) * MOST_FURTHER < depth.size or coarser > 30:
+                break
+            coarser *= 2
+        self.directions = np.concatenate([self.grid.reshape(-1, 3), self.grid.reshape(-1, 3)[further // (2 * _LIFT)]])
+        self.depth = np.concatenate([own.ravel(), np.exp((further % (2 * _LIFT) - _LIFT) * coarser * RUNG)])
+        index = own.size + index.reshape(2, 4, -1)
+        self.taps = []
+        for tap, weight, lower, upper in zip(nearest, weights, *index):
+            lower, upper = (_with(tap, far, one) for one in (lower, upper))
+            self.taps += [(lower, weight * np.where(far, 1 - share, 1.0)), (upper, weight * np.where(far, share, 0.0))]
 
     def enlarged(self, values: np.ndarray, where) -> np.ndarray:
-        """(h * w, c) at the pixels `where` of the photograph, (..., c)."""
-        return sum(weight[where] * values[tap[where]] for weight, tap in zip(self.weights, self.taps))
+        """Values (n, c) of all rays of the grid at the pixels `where` of the photograph, (..., c)."""
+        return sum(weight[where][..., None] * values[tap[where]] for tap, weight in self.taps)
 
     def around(self, towards: np.ndarray, steps: int):
         """Slices of the pixels within so many coarse steps of direction `towards` (3,), None outside the frame."""
         if towards @ self.middle <= 0:
             return None
         unit = towards / np.linalg.norm(towards)
-        row, column = np.unravel_index(np.argmax(self.directions @ unit), self.depth.shape)
+        row, column = np.unravel_index(np.argmax(self.grid @ unit), self.grid.shape[:2])
         row, column, reach = self.rows[row], self.columns[column], steps * COARSE
         return (slice(max(row - reach, 0), min(row + reach + 1, self.shape[0])),
                 slice(max(column - reach, 0), min(column + reach + 1, self.shape[1])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,22 +13,20 @@ INDIRECT_SHARE = 1e-3
 NEAR_WHITE = 0.7
 
 
-def combined_transmittance(
-    eye: np.ndarray, clear: Sequence[np.ndarray], reduced: Sequence[np.ndarray],
-    indirect: Sequence[np.ndarray], indirect_reduced: Sequence[np.ndarray], strengths: Sequence[np.ndarray],
-) -> np.ndarray:
+def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray, ...]]) -> np.ndarray:
     """Share of the photograph's radiance that survives from the lights by way of the surface to the eye.
 
     T = sum_l w_l T_l, w_l light l's share of the reflected radiance (Zhao et al. 2013, eq. 5, for
     several lights; the paper's midpoint is replaced by what the renders integrated over the lamp).
-    eye: (H, W, 3) transmittance from surface to eye. Per light: clear, reduced (H, W, 3) irradiance/pi
-    without and with fog on both ways; indirect, indirect_reduced (H, W, 3) the same of light that arrives by
-    reflection, roughly; strengths (3,). Where no light reaches a pixel at all, T is `eye`.
+    eye: (H, W, 3) transmittance from surface to eye. arriving, of each light, one at a time, for they may be many:
+    strength (3,); clear, reduced (H, W, 3) irradiance/pi without and with fog on both ways; indirect,
+    indirect_reduced (H, W, 3) the same of light that arrives by reflection, roughly. Where no light reaches a pixel
+    at all, T is `eye`.
     """
     above, below = np.zeros(eye.shape), np.zeros(eye.shape)
-    for d, f, i, j, strength in zip(clear, reduced, indirect, indirect_reduced, strengths):
-        below += strength * (d + INDIRECT_SHARE * i)
-        above += strength * (f + INDIRECT_SHARE * j)
+    for strength, clear, reduced, indirect, indirect_reduced in arriving:
+        below += strength * (clear + INDIRECT_SHARE * indirect)
+        above += strength * (reduced + INDIRECT_SHARE * indirect_reduced)
     with np.errstate(divide="ignore", invalid="ignore"):
         together = above / below
     return np.where(below > 0, np.clip(together, 0, 1), eye)

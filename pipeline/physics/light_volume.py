@@ -1,7 +1,7 @@
-"""Daylight that reaches points inside fog on a grid: its ways worked out once, and looked up from then on.
+"""Light on its way to points inside fog on a grid: its ways worked out once, and looked up from then on.
 
-An eye ray asks at many points how much fog sun or sky have crossed, and each answer is an integral through the grid.
-Parallel light is followed from the fog's top down, and its path noted level by level: a table over where it enters
+An eye ray asks at many points how much fog sun, sky or a lamp's light have crossed, and each answer is an integral
+through the grid. A lamp's light is followed from it in all directions. Parallel light is followed from the fog's top down, and its path noted level by level: a table over where it enters
 and the height, in which all points on one ray of light share one integral.
 """
 
@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+
+from scipy.ndimage import map_coordinates
 
 from pipeline.physics.density_grid import DensityGrid
 
@@ -25,6 +27,10 @@ RAYS_PER_CELL, MOST_RAYS, LEVELS = 2.0, 192, 256
 SKY_RAYS_PER_CELL, SKY_MOST_RAYS, SKY_LEVELS = 1.0, 64, 48
 #: Nodes of the table of skylight; directions of the sky: Gauss nodes of the sine of elevation, azimuths at each.
 SKY_NODES, ELEVATIONS, AZIMUTHS = 2**17, 4, 8
+
+#: Polar angles and distances at which the paths from a lamp are noted; twice as many azimuths. Beyond so many cells the
+#: mean density so far stands for the rest.
+POLAR, DISTANCES, FARTHEST_CELLS = 96, 160, 1500
 
 
 def sun_paths(grid: DensityGrid, direction: np.ndarray) -> Lookup:
@@ -56,6 +62,30 @@ def sky_paths(grid: DensityGrid, extinctions: Sequence[float]) -> list[Lookup]:
 
         lookups.append(at)
     return lookups
+
+
+def lamp_paths(grid: DensityGrid, position: np.ndarray, reach: float) -> Lookup:
+    """Points (..., 3) [m], up to `reach` [m] from `position` (3,) -> integral of the density [m] from there to them."""
+    reach = min(reach, FARTHEST_CELLS * float(grid.spacing.min()))
+    polar, azimuth = np.linspace(0, np.pi, POLAR), np.linspace(0, 2 * np.pi, 2 * POLAR)
+    nearest = min(float(grid.spacing.min()), reach / 2)
+    distances = np.geomspace(nearest, reach, DISTANCES)
+    sine, cosine = np.sin(polar)[:, None], np.cos(polar)[:, None]
+    directions = np.stack(np.broadcast_arrays(sine * np.cos(azimuth), cosine, sine * np.sin(azimuth)), axis=-1)
+    paths = grid.path_along(position, directions, np.broadcast_to(distances, (POLAR, 2 * POLAR, DISTANCES)))
+    # what is noted is the mean density so far, which has a limit at the lamp itself
+    mean = (paths / distances).astype(np.float32)
+    steps = np.array([(POLAR - 1) / np.pi, (2 * POLAR - 1) / (2 * np.pi),
+                      (DISTANCES - 1) / np.log(reach / nearest)])
+
+    def at(points: np.ndarray) -> np.ndarray:
+        x, y, z = np.moveaxis(np.asarray(points, float) - position, -1, 0)
+        distance = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12)
+        where = np.stack([np.arccos(np.clip(y / distance, -1, 1)), np.arctan2(z, x) % (2 * np.pi),
+                          np.log(np.maximum(distance / nearest, 1.0))])
+        return distance * map_coordinates(mean, (where.T * steps).T, order=1, mode="nearest", prefilter=False)
+
+    return at
 
 
 def _followed(grid: DensityGrid, direction: np.ndarray, rays_per_cell: float, most: int, levels: int) -> Lookup:

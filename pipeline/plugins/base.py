@@ -215,6 +215,14 @@ class Light(Plugin):
         """Whether things in the photograph may keep it from the fog, for a light that is not rendered."""
         return False
 
+    def hidden_count(self, medium: "Medium", eye: np.ndarray) -> int:
+        """How many of its lamps are left out, for the fog before them lets nothing of theirs through."""
+        return 0
+
+    def shadow_worth(self, eye: np.ndarray) -> float:
+        """What its shadows in the fog are worth at unit strength, against those of other lights; inf: always a render."""
+        return float("inf")
+
     def shaded_part(self, eye: np.ndarray) -> "Light":
         """The light, or that part of it, whose shadows are worth a render."""
         return self
@@ -283,6 +291,10 @@ class Medium(Plugin):
         """
         return np.zeros(np.broadcast_shapes(np.shape(points), np.shape(direction))[:-1])
 
+    def paths_from(self, origin: np.ndarray, reach: float, count: int) -> Callable[[np.ndarray], np.ndarray]:
+        """`density_path` from `origin` (3,) to points at most `reach` [m] away, made ready for about `count` of them."""
+        return lambda points: self.density_path(origin, points)
+
     def daylight(self, direction: np.ndarray, count: int) -> Callable[[np.ndarray], np.ndarray]:
         """`daylight_path` along `direction` (3,) as a function of points, made ready for about `count` of them."""
         return lambda points: self.daylight_path(points, direction)
@@ -303,6 +315,10 @@ class Medium(Plugin):
     def longest_step(self) -> float:
         """Length [m] of steps by which a midpoint rule follows the density; inf where it is even."""
         return float("inf")
+
+    def render_step(self) -> float:
+        """Length [m] of steps by which POV-Ray's midpoint rule follows the density; inf where it is even."""
+        return self.longest_step()
 
     def side_files(self) -> dict[str, bytes]:
         """Files that the medium's statement reads, by name; they are written beside the `.pov` files."""

@@ -36,6 +36,11 @@ class GriddedMedium(DenseMedium):
             return super().daylight_path(points, direction)
         return self.grid().path_out(points, direction)
 
+    def paths_from(self, origin, reach, count):
+        if count < FEW_POINTS:
+            return super().paths_from(origin, reach, count)
+        return light_volume.lamp_paths(self.grid(), origin, reach)
+
     def daylight(self, direction, count):
         if self.top() is None or count < FEW_POINTS:
             return super().daylight(direction, count)

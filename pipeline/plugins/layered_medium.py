@@ -30,14 +30,17 @@ class LayeredMedium(DenseMedium):
     def density(self, points):
         return self.level_density(np.asarray(points, float)[..., 1])
 
-    def density_path(self, origin, points):
-        points, origin = np.broadcast_arrays(np.asarray(points, float), np.asarray(origin, float))
-        length = np.linalg.norm(points - origin, axis=-1)
-        low, high = np.minimum(points[..., 1], origin[..., 1]), np.maximum(points[..., 1], origin[..., 1])
+    def between(self, one: np.ndarray, other: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """Integral [m] of D over segments of these lengths [m] between two heights [m]."""
+        low, high = np.minimum(one, other), np.maximum(one, other)
         rise = high - low
         level = rise <= LEVEL * length
         slanted = self.column(low, high) * (length / np.where(level, 1.0, rise))
         return np.where(level, length * self.level_density((low + high) / 2), slanted)
+
+    def density_path(self, origin, points):
+        points, origin = np.asarray(points, float), np.asarray(origin, float)
+        return self.between(origin[..., 1], points[..., 1], np.linalg.norm(points - origin, axis=-1))
 
     def daylight_path(self, points, direction):
         points, direction = np.broadcast_arrays(np.asarray(points, float), np.asarray(direction, float))

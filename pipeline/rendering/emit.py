@@ -178,7 +178,7 @@ def farthest_seen(scene: PlacedScene, medium: Medium) -> float:
     extinction, longest = float(np.add(*medium.coefficients()).min()), 2 * scene.extent()
     if not extinction > 0:
         return longest
-    if medium.longest_step() == np.inf:
+    if medium.render_step() == np.inf:
         return min(longest, FARTHEST_OPTICAL_DEPTH / extinction)
     camera = scene.camera.resized(SIGHTS, SIGHTS)
     directions = camera.directions(camera.pixel_centres())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -22,10 +23,14 @@ LARGEST_OPTICAL_STEP = 1 / 3
 
 #: Kinds of the two small renders that tell what shadows take from a light whose V is known without them.
 SHADED, UNSHADED = "shaded", "unshaded"
+#: Single lamps that get such renders; of more than these the brightest to the eye.
+MOST_SHADED = 16
 #: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
 SINGLE_LIGHT_SAMPLES = 3
 #: Most samples that uneven fog asks for. Each sample of V is lit through as many again, those of T are few.
-MOST_SAMPLES = {"in_scattering": 128, "transmittance": 512}
+MOST_SAMPLES = {"in_scattering": 128, "transmittance": 256}
+#: POV-Ray 3.7 stops with a fatal error at more intervals, which uneven fog needs (measured: 256 do, 257 do not).
+MOST_INTERVALS = 256
 #: V adds up many samples, whose errors cancel: its steps may be so many times as long as T's.
 STEPS_OF = {"in_scattering": 2.0, "transmittance": 1.0}
 
@@ -37,10 +42,11 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
 
 
 def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
-             in_scattering_size: int | None) -> list[Run]:
+             in_scattering_size: int | None, shaded: Container[str]) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
+    shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
     width, height = scene.camera.width, scene.camera.height
@@ -49,11 +55,11 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     points, directions = _grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
     extinction = np.add(*medium.coefficients())
-    uneven = medium.longest_step() < np.inf
+    uneven = medium.render_step() < np.inf
     dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
     for light in lights:
         one = scene.lights[light]
-        if scene.shaded(light) and medium.coefficients()[1].max() > 0:
+        if light in shaded and medium.coefficients()[1].max() > 0:
             part = replace(scene, lights={light: one.shaded_part(scene.camera.position)})
             exposure = _exposure(_in_scattering(part, medium, light, directions, points))
             count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
@@ -75,14 +81,31 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             clear = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
             runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, _exposure(glow, clear),
                             count))
+    if uneven:
+        runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
     return runs
+
+
+def hidden(scene: PlacedScene, medium: Medium, light: str) -> bool:
+    """Whether fog hides all of a light that is not rendered."""
+    one = scene.lights[light]
+    count = 0 if scene.rendered(light) else one.hidden_count(medium, scene.camera.position)
+    return count > 0 and count == one.sub_light_count()
+
+
+def shaded_lights(scene: PlacedScene, strengths: dict[str, float]) -> list[str]:
+    """Those of the lights by strength that get renders of their shadows: the most worth it, where lamps are many."""
+    able = [name for name in strengths if scene.shaded(name)]
+    worth = {name: strengths[name] * scene.lights[name].shadow_worth(scene.camera.position) for name in able}
+    many = sorted((name for name in able if np.isfinite(worth[name])), key=worth.get, reverse=True)
+    return [name for name in able if name not in many[MOST_SHADED:]]
 
 
 def dense_samples(scene: PlacedScene, medium: Medium) -> int:
     """Points along a ray below which a step of it spans too much optical depth."""
     extinction = float(np.add(*medium.coefficients()).max())
     depth = extinction * 2 * scene.extent()
-    if medium.longest_step() == np.inf:
+    if medium.render_step() == np.inf:
         return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, depth) / LARGEST_OPTICAL_STEP))
     # one ray may end in fog where another sees far
     return int(np.ceil(min(depth / LARGEST_OPTICAL_STEP, MOST_SAMPLES["in_scattering"])))
@@ -90,7 +113,7 @@ def dense_samples(scene: PlacedScene, medium: Medium) -> int:
 
 def uneven_samples(scene: PlacedScene, medium: Medium, kind: str) -> int:
     """Points along a ray below which a step of it would miss how the fog's density varies."""
-    step = medium.longest_step()
+    step = medium.render_step()
     if step == np.inf:
         return 1
     longest = min(scene.extent(), farthest_seen(scene, medium))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipeline.paths import Build
 from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.upsampling import upsample
+from pipeline.plugins.base import Medium
 from pipeline.rendering.runs import SHADED, UNSHADED, from_json
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
@@ -39,11 +41,37 @@ class View:
     optical_depth: np.ndarray
 
 
+class _Remembering:
+    """The fog, but the integral of its density from the eye along the same rays is worked out once for all lights.
+
+    Where the density stands on a grid that takes minutes, and each light asks for it.
+    """
+
+    def __init__(self, medium: Medium, eye: np.ndarray):
+        self.medium, self.eye, self.known = medium, eye, {}
+
+    def __getattr__(self, name: str):
+        return getattr(self.medium, name)
+
+    def density_path(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
+        if not np.array_equal(origin, self.eye):
+            return self.medium.density_path(origin, points)
+        key = (np.shape(points), hashlib.blake2b(np.ascontiguousarray(points)).digest())
+        if key not in self.known:
+            self.known[key] = self.medium.density_path(origin, points)
+        return self.known[key]
+
+    def optical_depth(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return self.density_path(origin, points)[..., None] * np.add(*self.medium.coefficients())
+
+
 class Scattered:
     """The rendered runs of one fog, read as they are asked for."""
 
     def __init__(self, build: Build):
         self.build, self.scene, self.medium = build, read_placed(build), read_fog(build)
+        if self.medium.longest_step() < np.inf:
+            self.medium = _Remembering(self.medium, self.scene.camera.position)
         self.strengths = read_strengths(build)
         self.runs = {data["id"]: from_json(data) for data in read_json(build.plan)["runs"]}
         self.depth = read_map(build.depth).astype(float)
@@ -51,6 +79,7 @@ class Scattered:
         surfaces = read_map(build.surfaces)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
+        self.solid_depths: dict[tuple[int, int], np.ndarray] = {}
         self.edges = read_edges(build)
         front = self.depth if self.edges is None else self.edges.front_depth
         self.front = self._view(front, ...)
@@ -110,33 +139,32 @@ class Scattered:
     def _enlarged(self, run: str, view: View) -> np.ndarray:
         rendered = self._image(run)
         if rendered.shape[:2] != self.depth.shape:
-            coarse = self.scene.camera.resized(rendered.shape[1], rendered.shape[0])
-            coarse_depth = visible(coarse, self.scene.shapes, self.scene.lights)[0]
+            coarse_depth = self._solid_depth(rendered.shape[1], rendered.shape[0])
             coarse_depth = np.where(np.isfinite(coarse_depth), coarse_depth, float(view.full_depth.max()))
             rendered = upsample(rendered, coarse_depth, view.full_depth)
         return rendered[view.where]
 
+    def _solid_depth(self, width: int, height: int) -> np.ndarray:
+        """Depth [m] of what the renders of this size saw."""
+        if (width, height) not in self.solid_depths:
+            camera = self.scene.camera.resized(width, height)
+            self.solid_depths[width, height] = visible(camera, self.scene.shapes, self.scene.lights)[0]
+        return self.solid_depths[width, height]
+
     def _transmittance(self, lights: list[str], view: View) -> np.ndarray:
         eye = np.exp(-view.optical_depth)
-        clear, reduced, indirect, indirect_reduced = [], [], [], []
-        for light in lights:
-            d, f, i, on_the_way = self._arriving(light, eye, view)
-            clear.append(d)
-            reduced.append(f)
-            indirect.append(i)
-            indirect_reduced.append(i * eye * on_the_way)
-        together = combined_transmittance(eye, clear, reduced, indirect, indirect_reduced,
-                                          [self.strengths[light] for light in lights])
+        together = combined_transmittance(eye, (self._arriving(light, eye, view) for light in lights))
         return np.where(self.without_surface[view.where][..., None], eye, together)
 
-    def _arriving(self, light: str, eye: np.ndarray, view: View):
-        """Irradiance/pi (..., 3) at unit strength, direct without fog and with it on both ways, indirect, and
-        the transmittance of the light's way."""
-        one = self.scene.lights[light]
+    def _arriving(self, light: str, eye: np.ndarray, view: View) -> tuple[np.ndarray, ...]:
+        """The light's strength, and irradiance/pi (..., 3) at unit strength: direct, without fog and with it on both
+        ways, and the same of what arrives by reflection."""
+        one, strength = self.scene.lights[light], self.strengths[light]
         if not self.scene.rendered(light):
             irradiance, on_the_way = one.arrival(self.medium, view.points, view.normals)
             clear = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
-            return clear, clear * eye * on_the_way, clear, on_the_way
+            reduced = clear * eye * on_the_way
+            return strength, clear, reduced, clear, reduced
         irradiance, path = one.incident(view.points)
         # light that comes by reflection crosses fog about as dense as what lies before the eye
         length = np.linalg.norm(view.points - self.scene.camera.position, axis=-1)
@@ -149,7 +177,8 @@ class Scattered:
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
-        return clear, np.where(digits, reduced, clear * eye * on_the_way), indirect, on_the_way
+        return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way), indirect,
+                indirect * eye * on_the_way)
 
     def _image(self, run: str) -> np.ndarray:
         return read_map(self.build.runs / f"{run}.exr").astype(float)

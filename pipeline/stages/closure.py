@@ -21,6 +21,7 @@ from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering import povray
 from pipeline.rendering.scattered import Scattered
 from pipeline.rendering.emit import Run, Templates, emit, write_side_files
+from pipeline.rendering.runs import MOST_INTERVALS
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths, write_json
 
 
@@ -47,7 +48,8 @@ def run(build: Build) -> None:
     transmittance, in_scattering = transmittance[nearest], in_scattering[nearest]
     emitter = read_map(build.surfaces)[..., 1][nearest]
     count = max((r["samples"] for r in glows), default=settings["samples"])
-    sun_count = 3 * count  # in one render its edges are those of samples, not of a shaft
+    # in one render its edges are those of samples, not of a shaft
+    sun_count = 3 * count if medium.render_step() == np.inf else min(3 * count, MOST_INTERVALS)
     photograph, foggy = np.zeros((height, width, 3)), np.zeros((height, width, 3))
     folder = build.out / "closure"
     folder.mkdir(parents=True, exist_ok=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pipeline.paths import Build
+from pipeline.physics.bulbs import UNSEEN
 from pipeline.plugins.base import Medium
 from pipeline.rendering.emit import Run
-from pipeline.rendering.runs import MOST_SAMPLES, as_json, dense_samples, fog_runs, uneven_samples
+from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, as_json, dense_samples, fog_runs, hidden,
+                                     shaded_lights, uneven_samples)
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
 from pipeline.scene.placed import PlacedScene
 
@@ -18,10 +20,14 @@ def run(build: Build) -> None:
     if medium.is_clear():
         reasons = ["the fog extinguishes nothing: no render, the photograph comes back unchanged"]
     else:
-        strengths = read_json(build.illumination)["lights"]
-        lights = [name for name in scene.lights if max(strengths[name]["strength"]) > 0]
-        runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"])
-        reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in lights]
+        strengths = {name: max(light["strength"])
+                     for name, light in read_json(build.illumination)["lights"].items()}
+        bright = [name for name in scene.lights if strengths[name] > 0]
+        lights = [name for name in bright if not hidden(scene, medium, name)]
+        shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
+        runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded)
+        reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in bright]
+        reasons += [f"{name}: left out, behind {UNSEEN:g} optical depths of fog" for name in bright if name not in lights]
         reasons += reasons_for(scene, medium, lights, runs, settings["samples"])
     write_json(build.plan, {
         "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
@@ -33,8 +39,15 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
     """Why the runs are these and no others, one line a choice."""
     reasons = []
     for name in lights:
-        if scene.shaded(name):
+        count = scene.lights[name].hidden_count(medium, scene.camera.position)
+        if count and not scene.rendered(name):
+            reasons.append(f"{name}: {count} of {scene.lights[name].sub_light_count()} lamps left out, behind {UNSEEN:g}"
+                           " optical depths of fog")
+        if any(one.id == f"{SHADED}_{name}" for one in runs):
             reasons.append(shadow_reason(scene, name))
+        elif scene.shaded(name) and medium.coefficients()[1].max() > 0:
+            reasons.append(f"{name}: V without shadows, by quadrature; only the {MOST_SHADED} brightest lamps have theirs"
+                           " rendered")
         elif not scene.rendered(name):
             reasons.append(f"{name}: known in closed form, no render")
     if not medium.coefficients()[1].max() > 0:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from pipeline.physics import airlight
 from pipeline.plugins.base import Colour, Light, parameter
 
 
@@ -32,11 +33,7 @@ class Ambient(Light):
 
     def in_scattering(self, medium, eye, directions, depth):
         """delta/kappa (1 - exp(-tau)): the phase function integrates to 1."""
-        absorption, scattering = medium.coefficients()
-        extinction = absorption + scattering
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(extinction > 0, scattering / extinction, 0.0)
-        return -np.expm1(-medium.optical_depth(eye, eye + depth[..., None] * directions)) * share
+        return airlight.veil(medium, eye, directions, depth)
 
     def arrival(self, medium, points, normals):
         shape = np.shape(points)[:-1]

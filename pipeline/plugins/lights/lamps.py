@@ -64,6 +64,9 @@ class Lamps(Light):
             "positions": [self.positions[i] for i in strongest],
             "weights": [float(self.shares()[i]) for i in strongest]})
 
+    def hidden_count(self, medium, eye):
+        return int((~bulbs.visible(medium, eye, self.points)).sum())
+
     def sub_light_count(self):
         return len(self.positions)
 

@@ -35,13 +35,19 @@ class Point(Light):
         return 1 / (distance**2 + self.radius**2), distance
 
     def in_scattering(self, medium, eye, directions, depth):
-        return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius)
+        return bulbs.bulbs(medium, eye, directions, depth, self.position.vector[None], self.radius, [1.0])
 
     def arrival(self, medium, points, normals):
         return bulbs.arrival(medium, points, normals, self.position.vector[None], self.radius, [1.0])
 
     def shaded(self):
         return self.shadows
+
+    def hidden_count(self, medium, eye):
+        return int(not bulbs.visible(medium, eye, self.position.vector).all())
+
+    def shadow_worth(self, eye):
+        return float(1 / (((self.position.vector - eye) ** 2).sum() + self.radius**2))
 
     def statement(self) -> dict[str, Any]:
         return {"location": self.position.point}

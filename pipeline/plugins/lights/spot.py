@@ -71,8 +71,7 @@ class Spot(Light):
         return bulbs.Cone(axis / np.linalg.norm(axis), float(inner), float(outer))
 
     def in_scattering(self, medium, eye, directions, depth):
-        return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius,
-                             self.lit_cone)
+        return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius, self.lit_cone)
 
     def arrival(self, medium, points, normals):
         return bulbs.arrival(medium, points, normals, self.position.vector[None], self.radius, [1.0],
@@ -80,6 +79,12 @@ class Spot(Light):
 
     def shaded(self):
         return self.shadows
+
+    def hidden_count(self, medium, eye):
+        return int(not bulbs.visible(medium, eye, self.position.vector).all())
+
+    def shadow_worth(self, eye):
+        return float(1 / (((self.position.vector - eye) ** 2).sum() + self.radius**2))
 
     def statement(self) -> dict[str, Any]:
         return {"location": self.position.point, "point_at": self.target.point}

@@ -13,6 +13,9 @@ from pipeline.plugins.layered_medium import LayeredMedium
 #: What is thinner than exp(-16) = 1e-7 of the ground's fog POV-Ray takes as clear.
 SCALE_HEIGHTS = 16.0
 NODES = 240
+#: Midpoints a scale height: the exponential's integral is then within (1/6)^2/24 = 0.1 %.
+STEPS_PER_SCALE_HEIGHT = 6
+STEPS_TO_THE_TOP = 80
 
 
 class Height(LayeredMedium):
@@ -37,6 +40,11 @@ class Height(LayeredMedium):
 
     def top(self):
         return self.top_height
+
+    def render_step(self):
+        step = self.scale_height / STEPS_PER_SCALE_HEIGHT
+        # the density jumps at a top
+        return step if self.top_height is None else min(step, (self.top_height - self.base) / STEPS_TO_THE_TOP)
 
     def bends(self):
         return [h for h in (self.base + self.scale_height * k for k in (0, 1, 2, 4, 8, SCALE_HEIGHTS))

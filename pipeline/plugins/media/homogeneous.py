@@ -6,13 +6,19 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.plugins.media_base import DenseMedium
+from pipeline.plugins.layered_medium import LayeredMedium
 
 
-class Homogeneous(DenseMedium):
+class Homogeneous(LayeredMedium):
     """Fog of one density, by its visibility or by its coefficients."""
 
     type: Literal["homogeneous"] = "homogeneous"
 
-    def density_path(self, origin, points):
-        return np.linalg.norm(np.asarray(points, float) - origin, axis=-1)
+    def level_density(self, height):
+        return np.ones(np.shape(height))
+
+    def column(self, low, high):
+        return high - low
+
+    def between(self, one, other, length):
+        return np.broadcast_to(length, np.broadcast_shapes(np.shape(one), np.shape(other), np.shape(length)))

@@ -11,6 +11,10 @@ from pipeline.plugins.base import Finite, Model, mistake, parameter
 from pipeline.plugins.layered_medium import LayeredMedium
 
 
+#: Midpoints through the thinnest layer: where it begins and ends is then within a thirty-second of it.
+STEPS_PER_LAYER = 16
+
+
 class Layer(Model):
     """An even slab of fog."""
 
@@ -34,6 +38,9 @@ class Layers(LayeredMedium):
 
     def top(self):
         return max(layer.upper for layer in self.layers)
+
+    def render_step(self):
+        return min(layer.upper - layer.lower for layer in self.layers) / STEPS_PER_LAYER
 
     def bends(self):
         return sorted({border for layer in self.layers for border in (layer.lower, layer.upper)})

@@ -19,4 +19,5 @@ class HenyeyGreenstein(PhaseFunction):
     def value(self, cosine):
         # (1-g)^2 + 2g(1-cos) does not cancel near the forward peak, where 1 + g^2 - 2g cos loses all digits.
         g = self.asymmetry
-        return (1 - g * g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * (1 - np.asarray(cosine, float))) ** 1.5)
+        squared = (1 - g) ** 2 + 2 * g * (1 - np.asarray(cosine, float))
+        return (1 - g * g) / (4 * np.pi * squared * np.sqrt(squared))
