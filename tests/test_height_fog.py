@@ -6,8 +6,8 @@ from scipy.ndimage import binary_dilation
 
 from pipeline.imaging.maps import read_map
 from pipeline.plugins.base import registry
-from tests.test_light_transport import COLOUR, DESCRIBED, SIZE, SUN, WINDOW, chain, reference_rays
-from tests.test_noise_fog import POINT, even_path, light_points
+from tests.test_light_transport import COLOUR, DESCRIBED, SIZE, chain, reference_rays
+from tests.test_noise_fog import POINT, even_path, light_points, shaft_errors, within_bounds
 
 SPECTRAL = {"absorption_coefficient": [0.0, 0.1, 0.4], "scattering_coefficient": [0.3, 0.4, 0.5],
             "phase_function": {"type": "isotropic"}}
@@ -71,26 +71,8 @@ def test_lamps(tmp_path, name, kind):
 @pytest.mark.parametrize("name", ["height", "layers"])
 def test_shaft_of_sunlight(tmp_path, name):
     build = chain(tmp_path, {"sun": DESCRIBED["sun"]}, fog=FOGS[name])
-    medium, (rays, _, _) = medium_of(FOGS[name]), reference_rays(build)
-    chosen = np.random.default_rng(5).permutation(len(rays.depth))[:500]
-    extinction, scattering = np.add(*medium.coefficients()), medium.coefficients()[1]
-    v, crossed, steps = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), 3000
-    direction, length = rays.directions[chosen], rays.depth[chosen] / steps
-    for i in range(steps):
-        middle = rays.origin + direction * ((i + 0.5) * length)[:, None]
-        amount = medium.density(middle) * length
-        entry = middle - ((middle[:, 0] - WINDOW[0, 0]) / SUN[0])[:, None] * SUN
-        lit = (entry[:, 1:] > WINDOW[:, 1:].min(0)).all(-1) & (entry[:, 1:] < WINDOW[:, 1:].max(0)).all(-1)
-        if lit.any():
-            path = even_path(medium, entry[lit], middle[lit], 32)
-            v[lit] += np.exp(-extinction * (crossed[lit] + amount[lit] / 2 + path)[:, None]) * (
-                scattering / (4 * np.pi) * amount[lit, None] * COLOUR)
-        crossed += amount
-    # where a ray clips a corner of the shaft, a thousandth of it is a large part
-    seen = v[:, 0] > 0.05 * v[:, 0].max()
-    assert seen.sum() > 30
-    error = np.abs(read_map(build.in_scattering()).reshape(-1, 3)[chosen][seen] / v[seen] - 1)
-    assert np.median(error) <= 0.01 and np.percentile(error, 99) <= 0.03, np.percentile(error, [50, 99])
+    errors = shaft_errors(build, medium_of(FOGS[name]), 500)
+    assert within_bounds(errors), errors
 
 
 @pytest.mark.parametrize("name", FOGS)

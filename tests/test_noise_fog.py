@@ -118,11 +118,10 @@ def test_wisps_that_lie_on_the_floor(tmp_path):
     assert within_bounds(errors), errors
 
 
-def test_shaft_of_sunlight_against_dense_integration(tmp_path):
-    """The shaft's light paths are functions in POV-Ray's text; its edges are exact, hence 3 % here, too."""
-    build = chain(tmp_path, {"sun": DESCRIBED["sun"]}, fog=FOG)
-    medium, (rays, _, _) = Noise.model_validate(FOG), reference_rays(build)
-    chosen = np.random.default_rng(5).permutation(len(rays.depth))[:400]
+def shaft_errors(build, medium, count):
+    """Median and 99th percentile of V's relative errors of sunlight through the window, over `count` pixels."""
+    rays, _, _ = reference_rays(build)
+    chosen = np.random.default_rng(5).permutation(len(rays.depth))[:count]
     extinction, scattering = np.add(*medium.coefficients()), medium.coefficients()[1]
     v, crossed, steps = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), 3000
     direction, length = rays.directions[chosen], rays.depth[chosen] / steps
@@ -141,7 +140,14 @@ def test_shaft_of_sunlight_against_dense_integration(tmp_path):
     seen = v[:, 0] > 0.05 * v[:, 0].max()
     assert seen.sum() > 30
     error = np.abs(read_map(build.in_scattering()).reshape(-1, 3)[chosen][seen] / v[seen] - 1)
-    assert np.median(error) <= 0.01 and np.percentile(error, 99) <= 0.03, np.percentile(error, [50, 99])
+    return {"V": np.percentile(error, [50, 99]).round(5).tolist()}
+
+
+def test_shaft_of_sunlight_against_dense_integration(tmp_path):
+    """The shaft's light paths are functions in POV-Ray's text; its edges are exact, hence 3 % here, too."""
+    build = chain(tmp_path, {"sun": DESCRIBED["sun"]}, fog=FOG)
+    errors = shaft_errors(build, Noise.model_validate(FOG), 400)
+    assert within_bounds(errors), errors
 
 
 @pytest.mark.parametrize("settings", [

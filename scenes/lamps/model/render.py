@@ -11,34 +11,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
-import cv2
 import numpy as np
-import OpenImageIO as oiio
 
 MODEL = Path(__file__).resolve().parent
 SCENE = MODEL.parent
-sys.path.insert(0, str(SCENE.parents[1]))  # so that the script runs from anywhere, uninstalled
+sys.path[:0] = [str(SCENE.parents[1]), str(SCENE.parent)]  # so that the script runs from anywhere, uninstalled
 
+import modelled  # noqa: E402
 from pipeline.geometry.camera import Camera, from_field_of_view  # noqa: E402
 
 WIDTH, HEIGHT = 768, 512
 SUPERSAMPLING = 3  # per side; box-averaged in linear light
-JPEG_QUALITY = 95
-
-
-def numbers() -> dict[str, float | list[float]]:
-    """Numbers and vectors of numbers.inc by name."""
-    found: dict[str, float | list[float]] = {}
-    for name, value in re.findall(r"^#declare (\w+)\s*=\s*(.+?);", (MODEL / "numbers.inc").read_text(), re.M):
-        parts = [float(part) for part in value.strip("<> ").split(",")]
-        found[name] = parts if value.startswith("<") else parts[0]
-    return found
 
 
 def camera(n: dict) -> Camera:
@@ -66,38 +52,14 @@ def truth(n: dict) -> dict:
         "street_end_m": n["Street_End"]}
 
 
-def render() -> np.ndarray:
-    """(HEIGHT, WIDTH, 3) linear. One thread: POV-Ray's radiosity is not repeatable on several."""
-    with tempfile.TemporaryDirectory() as folder:
-        image = Path(folder) / "lamps.exr"
-        subprocess.run(["povray", "+Ilamps.pov", f"+O{image}", "+FE", f"+W{SUPERSAMPLING * WIDTH}",
-                        f"+H{SUPERSAMPLING * HEIGHT}", "-A", "-D", "+WT1"], cwd=MODEL, check=True,
-                       capture_output=True, stdin=subprocess.DEVNULL)
-        pixels = oiio.ImageBuf(str(image)).get_pixels("float")[..., :3]
-    return pixels.reshape(HEIGHT, SUPERSAMPLING, WIDTH, SUPERSAMPLING, 3).mean((1, 3))
-
-
-def write(photograph: np.ndarray) -> None:
-    spec = oiio.ImageSpec(WIDTH, HEIGHT, 3, "half")
-    spec.attribute("compression", "zip")
-    spec.attribute("DateTime", "1970:01:01 00:00:00")
-    output = oiio.ImageOutput.create(str(SCENE / "photograph.exr"))
-    output.open(str(SCENE / "photograph.exr"), spec)
-    output.write_image(np.ascontiguousarray(photograph, np.float32))
-    output.close()
-    clipped = np.clip(photograph, 0, 1)
-    code = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-    cv2.imwrite(str(SCENE / "photograph.jpg"), np.round(255 * code[..., ::-1]).astype(np.uint8),
-                [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--truth-only", action="store_true", help="write truth.json without rendering")
     options = parser.parse_args()
     if not options.truth_only:
-        write(render())
-    (SCENE / "truth.json").write_text(json.dumps(truth(numbers()), indent=1) + "\n")
+        modelled.write_photograph(SCENE, modelled.rendered(MODEL / "lamps.pov", WIDTH, HEIGHT, SUPERSAMPLING))
+    known = truth(modelled.numbers(MODEL / "numbers.inc"))
+    (SCENE / "truth.json").write_text(json.dumps(known, indent=1, default=np.ndarray.tolist) + "\n")
 
 
 if __name__ == "__main__":
