@@ -8,6 +8,7 @@ cut where the density bends; in fog that varies at every step they are summed in
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,12 +62,7 @@ class _Rays:
 def smooth_part(medium: Any, eye: np.ndarray, directions: np.ndarray, ends: np.ndarray, lamp: Lamp,
                 nodes: int = NODES) -> tuple[np.ndarray, np.ndarray]:
     """S (n, 3) and H (n,) [m] of a lamp of unit intensity along unit rays (n, 3) to `ends` (n,) [m]; V = S / H."""
-    foot = directions @ (lamp.position - eye)
-    aside = np.maximum(((lamp.position - eye) ** 2).sum() - foot**2, 0.0)
-    rays = _Rays(eye, directions, foot, aside, np.sqrt(aside + lamp.radius**2))
-    start, end = np.zeros_like(ends), ends
-    if lamp.cone is not None:
-        start, end = _within(lamp.cone, eye - lamp.position, directions, start, end)
+    rays, start, end = _met(eye, directions, ends, lamp)
     uneven = medium.longest_step() < np.inf
     cells = FROM_EYE[1] + 2 * FROM_LAMP[1] + TURNING_CELLS if uneven else nodes
     reach = float(np.linalg.norm(lamp.position - eye) + ends.max(initial=0.0))
@@ -81,6 +77,16 @@ def smooth_part(medium: Any, eye: np.ndarray, directions: np.ndarray, ends: np.n
         else:
             result[part] = _in_pieces(medium, rays.some(part), lamp, start[part], end[part], from_lamp, rule)
     return result, rays.width
+
+
+def _met(eye, directions, ends, lamp) -> tuple[_Rays, np.ndarray, np.ndarray]:
+    """The rays, and where the lamp's light is met on each, from and to."""
+    foot = directions @ (lamp.position - eye)
+    aside = np.maximum(((lamp.position - eye) ** 2).sum() - foot**2, 0.0)
+    start, end = np.zeros_like(ends), ends
+    if lamp.cone is not None:
+        start, end = _within(lamp.cone, eye - lamp.position, directions, start, end)
+    return _Rays(eye, directions, foot, aside, np.sqrt(aside + lamp.radius**2)), start, end
 
 
 def _in_pieces(medium, rays, lamp, start, end, from_lamp, rule) -> np.ndarray:
@@ -129,18 +135,54 @@ def _piece(medium, rays, lamp, low, high, from_lamp, rule) -> np.ndarray:
 
 def _in_cells(medium, rays, lamp, start, end, from_lamp) -> np.ndarray:
     """S (n, 3) in fog that varies along the ray: midpoints of many cells, short near the eye and near the lamp."""
+    along, angles = _midpoints(rays, start, end, *(medium.longest_step() * _growing(*counts)
+                                                   for counts in (FROM_EYE, FROM_LAMP)))
+    points = rays.eye + along[..., None] * rays.directions[:, None]
+    path = medium.density_along(rays.eye, rays.directions, along) + from_lamp(points)
+    return _summed(medium, rays, lamp, along, angles * medium.density(points), path)
+
+
+def shaded_part(medium: Any, eye: np.ndarray, directions: np.ndarray, ends: np.ndarray, lamp: Lamp,
+                lit: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """S (n, 3) of what a lamp lights through a share `lit` of points (..., 3), and of all of it, by the same cells, so
+    that their errors are alike."""
+    rays, start, end = _met(eye, directions, ends, lamp)
+    uneven = medium.longest_step() < np.inf
+    cells = FROM_EYE[1] + 2 * FROM_LAMP[1] + TURNING_CELLS
+    reach = float(np.linalg.norm(lamp.position - eye) + ends.max(initial=0.0))
+    from_lamp = medium.paths_from(lamp.position, reach, len(ends) * cells)
+    shaded, whole = np.zeros((len(ends), 3)), np.zeros((len(ends), 3))
+    at_once = max(1, _VALUES // cells)
+    for first in range(0, len(ends), at_once):
+        part = slice(first, first + at_once)
+        some = rays.some(part)
+        if uneven:
+            eye_steps, lamp_steps = (medium.longest_step() * _growing(*counts) for counts in (FROM_EYE, FROM_LAMP))
+        else:
+            # shadows have edges at any distance from the lamp
+            eye_steps = np.zeros(0)
+            lamp_steps = some.width[:, None] * np.geomspace(0.2, 2000.0, FROM_LAMP[1])
+        along, angles = _midpoints(some, start[part], end[part], eye_steps, lamp_steps)
+        points = eye + along[..., None] * some.directions[:, None]
+        path = medium.density_along(eye, some.directions, along) + from_lamp(points)
+        weights = angles * medium.density(points)
+        whole[part] = _summed(medium, some, lamp, along, weights, path)
+        shaded[part] = _summed(medium, some, lamp, along, weights * lit(points), path)
+    return shaded, whole
+
+
+def _midpoints(rays, start, end, eye_steps, lamp_steps) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (n, k) of the middles of cells, and the angles (n, k) under which the lamp sees these.
+
+    Cells are of equal angle, and end at `eye_steps` [m] from the eye and `lamp_steps` [m] to either side of the foot.
+    """
     start, end, foot, width = start[:, None], end[:, None], rays.foot[:, None], rays.width[:, None]
-    eye_steps, lamp_steps = (medium.longest_step() * _growing(*counts) for counts in (FROM_EYE, FROM_LAMP))
     first, last = np.arctan((start - foot) / width), np.arctan((end - foot) / width)
     turning = foot + width * np.tan(first + (last - first) * np.linspace(0, 1, TURNING_CELLS + 1))
     edges = np.concatenate([np.broadcast_to(eye_steps, (len(foot), len(eye_steps))), turning, foot - lamp_steps,
                             foot + lamp_steps], axis=1)
     edges = np.sort(np.clip(edges, start, end), axis=1)
-    angles = np.arctan((edges - foot) / width)
-    along = (edges[:, 1:] + edges[:, :-1]) / 2
-    points = rays.eye + along[..., None] * rays.directions[:, None]
-    path = medium.density_along(rays.eye, rays.directions, along) + from_lamp(points)
-    return _summed(medium, rays, lamp, along, np.diff(angles, axis=1) * medium.density(points), path)
+    return (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(np.arctan((edges - foot) / width), axis=1)
 
 
 def _summed(medium, rays, lamp, along, weights, path) -> np.ndarray:

@@ -24,10 +24,13 @@ MOST_FURTHER = 6
 _LIFT = 2**20
 #: Points at once: a few arrays of so many float64 stay in the processor's cache.
 _AT_ONCE = 2**15
+#: Rows a step where the density jumps by more than that at a height, for seen from afar a layer is thin; of any layered
+#: fog's rows, a step at most, as a part of their elevation.
+COARSE_IN_LAYERS, LARGEST_JUMP, ROWS_PER_ELEVATION = 2, 0.05, 0.25
 #: Fewer rays than this are all exact.
 FEW_RAYS = 20000
-#: Lamps behind more optical depths than this are left out: exp(-12) is 6e-6.
-UNSEEN = 12.0
+#: Lamps behind more optical depths than this are left out: exp(-16) is 1e-7.
+UNSEEN = 16.0
 
 
 def bulb(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray, position: np.ndarray,
@@ -49,7 +52,7 @@ def bulbs(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarra
     if np.ndim(depth) != 2 or np.size(depth) < FEW_RAYS:
         return sum((weights[i] * bulb(medium, eye, directions, depth, positions[i], radius) for i in seen),
                    np.zeros((*np.shape(depth), 3)))
-    grid = _grid_of(directions, depth)
+    grid = _grid_of(directions, depth, medium)
     rays, ends = grid.directions, grid.depth
     several = any(np.ptp(one) > 0 for one in medium.coefficients())
     kept = 3 if several else 1
@@ -136,16 +139,39 @@ def _core(outer: tuple[slice, slice], inner: tuple[slice, slice]) -> tuple[slice
 _LAST: dict[str, Any] = {}
 
 
-def _grid_of(directions: np.ndarray, depth: np.ndarray) -> _Coarse:
+def _grid_of(directions: np.ndarray, depth: np.ndarray, medium: Any) -> _Coarse:
     """The grid of a photograph; the last one is kept, for each of its lights asks for the same."""
-    if _LAST.get("directions") is not directions or _LAST.get("depth") is not depth:
-        _LAST.update(directions=directions, depth=depth, grid=_Coarse(directions, depth))
+    heights = np.array(medium.bends())
+    jumps = heights.size and np.ptp([medium.level_density(heights + side * 1e-9 * np.maximum(np.abs(heights), 1))
+                                     for side in (-1, 1)], axis=0).max() > LARGEST_JUMP
+    key = (directions, depth, heights.size > 0, COARSE_IN_LAYERS if jumps else COARSE)
+    if not all(one is other for one, other in zip(_LAST.get("key", (None,) * 4), key)):
+        _LAST.update(key=key, grid=_Coarse(*key))
     return _LAST["grid"]
 
 
-def _steps(length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rows(directions: np.ndarray, layered: bool, most: int) -> np.ndarray:
+    """Rows (n,) of the coarse grid, at most `most` apart; in layers less near the horizon, for how far a ray goes in one
+    is 1 / its elevation."""
+    height = len(directions)
+    if not layered or height < 2:
+        return np.arange(0, height, most)
+    elevation = np.abs(directions[..., 1])
+    step = np.abs(np.diff(directions[:, directions.shape[1] // 2, 1])).max()
+    allowed = np.clip(ROWS_PER_ELEVATION * elevation.min(axis=1) / max(step, 1e-12), 1, most).astype(int)
+    rows = [0]
+    while rows[-1] < height - 1:
+        last = rows[-1]
+        ahead = np.arange(last + 1, min(last + most, height - 1) + 1)
+        # as far as every row up to there allows
+        reach = ahead[np.minimum.accumulate(allowed[ahead]) >= ahead - last]
+        rows.append(int(reach[-1]) if len(reach) else last + 1)
+    return np.array(rows)
+
+
+def _steps(places: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels of the coarse grid along an axis; for each pixel the step it is in and how far, from 0 to 1."""
-    places = np.unique(np.append(np.arange(0, length, COARSE), length - 1))
+    places = np.unique(np.append(places, length - 1))
     if len(places) == 1:
         places = np.append(places, places)
     step = np.clip(np.searchsorted(places, np.arange(length), side="right") - 1, 0, len(places) - 2)
@@ -162,12 +188,14 @@ class _Coarse:
     """Every COARSE-th ray of a photograph, to about the depths at which pixels round it end, and what brings values of
     those back to the pixels: each lies between four rays, and between two depths of each."""
 
-    def __init__(self, directions: np.ndarray, depth: np.ndarray):
+    def __init__(self, directions: np.ndarray, depth: np.ndarray, layered: bool = False, rows: int = COARSE):
         self.shape = depth.shape
-        self.rows, y, fy = _steps(depth.shape[0])
-        self.columns, x, fx = _steps(depth.shape[1])
+        self.rows, y, fy = _steps(_rows(directions, layered, rows), depth.shape[0])
+        self.columns, x, fx = _steps(np.arange(0, depth.shape[1], COARSE), depth.shape[1])
         at = np.ix_(self.rows, self.columns)
         self.grid, self.middle = directions[at], directions[depth.shape[0] // 2, depth.shape[1] // 2]
+        # a depth of nothing has a logarithm, too
+        depth = np.maximum(depth, 1e-12)
         own = depth[at]
         nearest = [np.ravel_multi_index(np.broadcast_arrays((y + dy)[:, None], (x + dx)[None]), own.shape)
                    for dy in (0, 1) for dx in (0, 1)]
@@ -176,8 +204,9 @@ class _Coarse:
         # each ray is asked for the two depths of a ladder between which the pixel's lies
         inverse = sum(weight / own.ravel()[tap] for weight, tap in zip(weights, nearest))
         plane = np.abs(inverse * depth - 1) < SAME_DEPTH
-        logarithm = np.log(np.maximum(depth, 1e-12))
-        off = np.max([np.abs(np.log(np.maximum(own.ravel()[tap], 1e-12)) - logarithm) for tap in nearest], axis=0)
+        logarithm = np.log(depth)
+        off = np.max([np.where(weight > 0, np.abs(np.log(own.ravel()[tap]) - logarithm), 0.0)
+                      for tap, weight in zip(nearest, weights)], axis=0)
         coarser = 1
         while True:
             share, rung = np.modf(logarithm / (coarser * RUNG) + _LIFT)

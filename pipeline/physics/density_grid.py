@@ -101,6 +101,11 @@ class DensityGrid:
         back = -np.broadcast_to(direction, shape)
         return self.path_along(points, back, np.full((*shape[:-1], 1), FARTHEST))[..., 0]
 
+    def corners(self) -> np.ndarray:
+        """Places (8, 3) [m] of the outermost nodes."""
+        last = (np.array(self.values.shape) - 1) * self.spacing
+        return self.first + self.turned(np.indices((2, 2, 2)).reshape(3, 8).T * last)
+
     def beside(self, points: np.ndarray) -> np.ndarray:
         """Whether points (..., 3) [m] lie beyond a bounded axis, (...)."""
         nodes = self.in_cells(np.reshape(np.asarray(points, float) - self.first, (-1, 3)))

@@ -30,7 +30,7 @@ SKY_NODES, ELEVATIONS, AZIMUTHS = 2**17, 4, 8
 
 #: Polar angles and distances at which the paths from a lamp are noted; twice as many azimuths. Beyond so many cells the
 #: mean density so far stands for the rest.
-POLAR, DISTANCES, FARTHEST_CELLS = 96, 160, 1500
+POLAR, DISTANCES, FARTHEST_CELLS = 128, 160, 1500
 
 
 def sun_paths(grid: DensityGrid, direction: np.ndarray) -> Lookup:
@@ -92,22 +92,27 @@ def _followed(grid: DensityGrid, direction: np.ndarray, rays_per_cell: float, mo
     direction = np.asarray(direction, float)
     direction = np.array([direction[0], min(direction[1], -LOWEST), direction[2]])
     direction /= np.linalg.norm(direction)
-    shape, periodic = np.array(grid.values.shape), np.array(grid.periodic)
-    top = grid.first[1] + grid.spacing[1] * (shape[1] - 1)
+    top = grid.first[1] + grid.spacing[1] * (grid.values.shape[1] - 1)
     height = top - grid.first[1]
-    # rays that leave the fog at the bottom entered so many cells before it, or beyond it
-    back = grid.in_cells(-direction * height / -direction[1])
-    low, high = np.minimum(back, 0) - 1, np.maximum(back, 0) + shape
-    low, high = np.where(periodic, 0, low), np.where(periodic, shape, high)
-    # slanted light's rays are as near to each other as upright light's where they stand farther apart along the ground
-    slant = np.abs(direction[1]) + (1 - np.abs(direction[1])) * shape / (high - low)
-    count = np.clip(np.ceil((high - low) * slant * rays_per_cell), 2, most).astype(int)
+    back = direction * height / direction[1]
+    if grid.periodic[0]:
+        frame, low, high = grid, np.zeros(3), grid.spacing * grid.values.shape
+        count = np.array(grid.values.shape) * rays_per_cell
+    else:
+        # along the light its rays lie nearer to each other than their entries do, across it not
+        frame = replace(grid, yaw=float(np.degrees(np.arctan2(-direction[2], direction[0]))), spacing=np.ones(3))
+        ends = frame.in_cells(grid.corners() - grid.first)
+        way = frame.in_cells(back)
+        low = ends.min(0) + np.minimum(way, 0) - grid.spacing.max()
+        high = ends.max(0) + np.maximum(way, 0) + grid.spacing.max()
+        finest = grid.spacing.min()
+        count = (high - low) / finest * rays_per_cell * [max(-direction[1], finest / np.ptp(ends[:, 0])), 1, 1]
+    count = np.clip(np.ceil(count), 2, most).astype(int)
     count[1] = levels
-    spacing = (high - low) / np.where(periodic, count, count - 1) * grid.spacing
-    spacing[1] = height / (levels - 1)
-    low[1] = 0
-    first = grid.first + grid.turned(low * grid.spacing)
-    table = replace(grid, values=np.zeros(count, np.float32), first=first, spacing=spacing, outside=0.0)
+    spacing = (high - low) / np.where(grid.periodic, count, count - 1)
+    low[1], spacing[1] = 0.0, height / (levels - 1)
+    table = replace(frame, values=np.zeros(count, np.float32), first=grid.first + frame.turned(low), spacing=spacing,
+                    outside=0.0)
     entries = _places(replace(table, values=np.zeros((count[0], 1, count[2]), np.float32)))[:, 0]
     entries[..., 1] = top
     down = np.linspace(0, height, levels) / -direction[1]
