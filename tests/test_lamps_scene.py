@@ -117,3 +117,12 @@ def test_positions_by_pixels_are_near_the_truth(all_lamps):
     truth = np.array(TRUTH["lamps"]["position_m"])
     off = np.linalg.norm(found - truth, axis=1) / np.linalg.norm(truth, axis=1)
     assert np.median(off) < 0.03 and off.max() < 0.10
+
+
+def test_the_plan_says_which_lamps_fog_hides(tmp_path):
+    """Visibility 10 m is 0.3/m: lamps beyond 53 m lie behind 16 optical depths."""
+    build = run(tmp_path, "fog.visibility=10")
+    plan = json.loads(build.plan.read_text())
+    far = (np.linalg.norm(np.array(TRUTH["lamps"]["position_m"]) - [0, 1.5, 0], axis=1) > 53.4).sum()
+    assert 0 < far < 12
+    assert f"street_lamps: {far} of 12 lamps left out, behind 16 optical depths of fog" in plan["reasons"], plan["reasons"]

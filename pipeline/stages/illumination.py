@@ -14,7 +14,6 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
-from pipeline.plugins.annotations import Position
 from pipeline.rendering.daylight import daylight
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
@@ -119,12 +118,10 @@ def _bulbs(scene: PlacedScene) -> np.ndarray:
     camera = scene.camera
     mask = np.zeros((camera.height, camera.width), np.uint8)
     for light in scene.lights.values():
-        for place in [getattr(light, "position", None), *getattr(light, "positions", [])]:
-            if not isinstance(place, Position) or place.point is None:
-                continue
-            pixel, depth = camera.project(place.vector)
+        positions, radius = light.bulbs()
+        for pixel, depth in zip(*camera.project(positions)):
             if depth > 0 and np.abs(pixel).max() < 1e5:
-                reach = 2 * camera.focal_length * getattr(light, "radius", 0.0) / depth + BULB_BORDER
+                reach = 2 * camera.focal_length * radius / depth + BULB_BORDER
                 cv2.circle(mask, np.round(pixel - 0.5).astype(int).tolist(), int(np.ceil(min(reach, 1e4))), 1, -1)
     return mask > 0
 
