@@ -9,7 +9,8 @@ Kinds: JPEG (8 bit), PNG and TIFF (8 and 16 bit, TIFF also float), OpenEXR, Radi
 
 from pipeline.imaging.photograph_file import Photograph
 from pipeline.imaging.photograph_reading import MAX_PIXELS, read, read_exif_focal_length
+from pipeline.imaging.photograph_resampling import resampled
 from pipeline.imaging.photograph_writing import encode, write, write_png, write_unchanged
 
-__all__ = ["MAX_PIXELS", "Photograph", "encode", "read", "read_exif_focal_length", "write", "write_png",
+__all__ = ["MAX_PIXELS", "Photograph", "encode", "read", "read_exif_focal_length", "resampled", "write", "write_png",
            "write_unchanged"]

@@ -35,6 +35,7 @@ class Photograph:
     sample_type: str
     encoding: Encoding = field(repr=False)
     header: oiio.ImageSpec = field(repr=False)
+    resampled: bool = False
 
     @property
     def width(self) -> int:

@@ -60,10 +60,13 @@ def write_unchanged(path: str | os.PathLike, photograph: Photograph) -> None:
 
     In its own kind the file is copied byte for byte, its orientation tag included. As a PNG the
     upright code values are stored exactly; only a float photograph, which no PNG can hold, is
-    encoded as by `write_png`.
+    encoded as by `write_png`. A resampled one is written as any other result.
     """
     path = Path(path)
-    if path.suffix.lower() in SUFFIXES[photograph.format]:
+    if photograph.resampled:
+        write_png(path, photograph.radiance, photograph) if path.suffix.lower() == ".png" else write(
+            path, photograph.radiance, photograph)
+    elif path.suffix.lower() in SUFFIXES[photograph.format]:
         with replacing(path) as partial:
             shutil.copyfile(photograph.path, partial)
     elif path.suffix.lower() != ".png":

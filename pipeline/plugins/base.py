@@ -62,6 +62,8 @@ Direction = Annotated[Vector, AfterValidator(_unit_length)]
 Pixel = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]],
                   Field(min_length=2, max_length=2)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
+#: A fog's name may state numbers, such as height_a0.05_d0.20.
+FogName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*$", max_length=40)]
 
 
 class Model(BaseModel):
@@ -202,6 +204,11 @@ class Light(Plugin):
                       ) -> np.ndarray:
         """Unoccluded V (..., 3) at unit strength, along unit rays (..., 3) from `eye` (3,) to depth (...) [m]."""
         raise NotImplementedError(type(self).__name__)
+
+    def completes(self, medium: "Medium") -> bool:
+        """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what
+        shadows take from it, and close to the light nothing depends on how finely they are sampled."""
+        return False
 
     def arrival(self, medium: "Medium", points: np.ndarray, normals: np.ndarray
                 ) -> tuple[np.ndarray, np.ndarray]:

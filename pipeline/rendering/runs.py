@@ -79,8 +79,12 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
             glow = _in_scattering(scene, medium, light, directions, points)
             clear = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
-            runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, _exposure(glow, clear),
-                            count))
+            exposure = _exposure(glow, clear)
+            if not one.completes(medium):
+                runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
+            elif scene.casts_shadows():
+                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *size, exposure, count,
+                             {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
     return runs

@@ -120,6 +120,8 @@ class Scattered:
         one, eye = self.scene.lights[light], self.scene.camera.position
         if not self.medium.coefficients()[1].max() > 0:
             return np.zeros((*view.depth.shape, 3))
+        if self.scene.rendered(light) and one.completes(self.medium):
+            return self._completed(light, view)
         if self.scene.rendered(light):
             run = self.runs[f"in_scattering_{light}"]
             return self._enlarged(run.id, view) / run.exposure
@@ -129,6 +131,18 @@ class Scattered:
         part = one.shaded_part(eye)
         whole = unoccluded if part is one else part.in_scattering(self.medium, eye, view.directions, view.depth)
         return unoccluded - whole * (1 - self._unshadowed_share(light, view))
+
+    def _completed(self, light: str, view: View) -> np.ndarray:
+        """V of a rendered light whose V without shadows is known: less what two renders say that shadows take.
+
+        Their errors cancel close to the light, where they are largest and nothing stands between.
+        """
+        known = self.scene.lights[light].in_scattering(self.medium, self.scene.camera.position, view.directions, view.depth)
+        if f"{SHADED}_{light}" not in self.runs:
+            return known
+        taken = (self._enlarged(f"{UNSHADED}_{light}", view) - self._enlarged(f"{SHADED}_{light}", view)
+                 ) / self.runs[f"{SHADED}_{light}"].exposure
+        return np.clip(known - taken, 0, known)
 
     def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
         """What shadows leave of the light's V, from two renders whose sampling errors cancel."""

@@ -187,8 +187,9 @@ def read_edges(build: Build) -> Edges | None:
 
 def read_photograph(build: Build) -> photographs.Photograph:
     settings = read_json(build.input("photograph"))
-    return photographs.read(inside(build, settings["file"]), settings["colour_space"],
-                            int(settings["max_megapixels"] * 1e6))
+    photograph = photographs.read(inside(build, settings["file"]), settings["colour_space"],
+                                  int(settings["max_megapixels"] * 1e6))
+    return photograph if settings["size"] is None else photographs.resampled(photograph, settings["size"])
 
 
 def fog_metadata(build: Build, medium) -> dict:

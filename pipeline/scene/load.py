@@ -42,7 +42,8 @@ WANTED = {
     "string_too_short": "at least {min_length} characters",
     "string_too_long": "at most {max_length} characters",
     "string_pattern_mismatch":
-        "a name of letters, digits, '_' and '-', beginning with a letter, 40 characters at most",
+        "a name of letters, digits, '_' and '-' (a fog's may hold single dots), beginning with a letter, 40 characters"
+        " at most",
 }
 
 Keys = tuple  # names and list indices from the top of the scene file, such as ("lights", "lamp", "gain")

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, mistake, parameter
+from pipeline.plugins.base import Finite, FogName, Model, Name, Pixel, Vector, mistake, parameter
 from pipeline.plugins.choices import choice
 from pipeline.scene.depth_section import DepthSection
 
@@ -20,6 +20,9 @@ class PhotographFile(Model):
     colour_space: Literal["auto", "srgb", "linear", "display_p3", "adobe_rgb"] = parameter(
         "auto",
         description="auto: an embedded ICC profile, else sRGB for integer files and linear for float files")
+    size: int | None = parameter(
+        None, "pixel", ge=1, le=20000,
+        description="longer side to which it is resampled first; only where nothing is annotated in its pixels")
     max_megapixels: float = parameter(100.0, "megapixel", gt=0, le=2000,
                                       description="larger files are refused")
 
@@ -97,6 +100,25 @@ class RenderSettings(Model):
                                description="a single POV-Ray run that takes longer is stopped")
 
 
+def first_in_pixels(value: Any, at: tuple = ()) -> tuple | None:
+    """Keys of the first value below `value` that refers to the photograph's pixels, or None."""
+    if isinstance(value, dict):
+        parts = [(key, one, "") for key, one in value.items()]
+    elif isinstance(value, list):
+        parts = [(index, one, "") for index, one in enumerate(value)]
+    elif isinstance(value, Model):
+        parts = [(name, getattr(value, name), (field.json_schema_extra or {}).get("unit", ""))
+                 for name, field in type(value).model_fields.items()]
+    else:
+        return None
+    for key, one, unit in parts:
+        found = (*at, key) if unit == "pixel" and isinstance(one, (list, dict)) and one else (
+            first_in_pixels(one, (*at, key)))
+        if found:
+            return found
+    return None
+
+
 def scene_model() -> type[Model]:
     """The scene file's model, over all plugins registered now."""
     Shape, Light, Medium, Exporter = (choice(kind) for kind in ("shapes", "lights", "media", "exporters"))
@@ -118,7 +140,7 @@ def scene_model() -> type[Model]:
         sun_direction: SunDirection = parameter({"type": "window_patches"},
                                                 description="how the sun's direction is found")
         fog: Medium = parameter(description="the fog")
-        fogs: dict[Name, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one",
+        fogs: dict[FogName, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one",
                                              max_length=500)
         render: RenderSettings = RenderSettings()
         exporter: Exporter = parameter({"type": "povray"}, description="renderer's language")
@@ -134,6 +156,13 @@ def scene_model() -> type[Model]:
             if not self.shapes and self.depth is None:
                 raise mistake("neither 'shapes' nor 'depth' is there",
                               "describe a room by 'shapes', the open air by 'depth'")
+            if self.photograph.size is not None:
+                parts = {"camera": self.camera, "depth": self.depth, "shapes": self.shapes, "lights": self.lights,
+                         "illumination": self.illumination}
+                at = self.depth and ("depth",) or first_in_pixels(parts)
+                if at:
+                    raise mistake(f"photograph.size = {self.photograph.size} would move what is annotated in pixels",
+                                  "leave 'photograph.size' out, or state it in metres", at)
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
                 raise mistake("more than one light of type sun", "put the openings of all windows into one",
                               ("lights",))

@@ -30,8 +30,10 @@ class PlacedScene:
 
     def shaded(self, light: str) -> bool:
         """Whether a light that is not rendered needs renders of what shadows take from its V."""
-        return (not self.rendered(light) and self.lights[light].shaded()
-                and any(shape.casts_shadow for shape in self.shapes.values()))
+        return not self.rendered(light) and self.lights[light].shaded() and self.casts_shadows()
+
+    def casts_shadows(self) -> bool:
+        return any(shape.casts_shadow for shape in self.shapes.values())
 
     def faces(self) -> list[tuple[str, np.ndarray]]:
         """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""

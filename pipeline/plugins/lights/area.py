@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pipeline.geometry.planes import polygon_area, polygon_normal
+from pipeline.physics import polygon_glow
 from pipeline.physics.emitters import polygon_cells
 from pipeline.plugins.annotations import Outline, facing
 from pipeline.plugins.base import Colour, Light, Vector, parameter
@@ -54,6 +55,18 @@ class Area(Light):
         # behind the lamp some arrives all the same, by reflection: no point may get none at all
         cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0.02, 1)
         return area * cosine / (distance**2 + area / np.pi), distance
+
+    def completes(self, medium):
+        # where the density stands on a grid, the way from each part of the lamp would cost too much
+        return medium.layered
+
+    def in_scattering(self, medium, eye, directions, depth):
+        shape = np.shape(depth)
+        absorption, scattering = medium.coefficients()
+        found = polygon_glow.in_scattering(
+            self.outline.polygon, self.normal, np.asarray(eye, float), np.reshape(directions, (-1, 3)), np.ravel(depth),
+            medium.density, medium.density_path, medium.phase().value, absorption + scattering, scattering)
+        return found.reshape(*shape, 3)
 
     def statement(self) -> dict[str, Any]:
         centres, areas = polygon_cells(self.outline.polygon, self.sub_lights)
