@@ -205,6 +205,10 @@ class Light(Plugin):
         """Unoccluded V (..., 3) at unit strength, along unit rays (..., 3) from `eye` (3,) to depth (...) [m]."""
         raise NotImplementedError(type(self).__name__)
 
+    def midpoint(self) -> np.ndarray | None:
+        """(3,) [m], for which the whole light may stand (Zhao et al. 2013, eq. 5), or None where it stands nowhere."""
+        return None
+
     def completes(self, medium: "Medium") -> bool:
         """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what
         shadows take from it, and close to the light nothing depends on how finely they are sampled."""

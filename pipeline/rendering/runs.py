@@ -23,6 +23,8 @@ LARGEST_OPTICAL_STEP = 1 / 3
 
 #: Kinds of the two small renders that tell what shadows take from a light whose V is known without them.
 SHADED, UNSHADED = "shaded", "unshaded"
+#: What shadows take from a glow is smoother still, and smaller: it is rendered at so much less than the glow's size.
+SHADOW_REDUCTION = 2
 #: Single lamps that get such renders; of more than these the brightest to the eye.
 MOST_SHADED = 16
 #: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
@@ -42,10 +44,11 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
 
 
 def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
-             in_scattering_size: int | None, shaded: Container[str]) -> list[Run]:
+             in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
+    midpoint: whether T takes each light's midpoint for all of it, where it has one, and needs no render.
     shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
@@ -69,9 +72,10 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             continue
         irradiance = _irradiance(scene, light, points)
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
-        runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
-                        _exposure(level, irradiance / np.pi if uneven else None),
-                        uneven_samples(scene, medium, "transmittance")))
+        if not midpoint or one.midpoint() is None:
+            runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
+                            _exposure(level, irradiance / np.pi if uneven else None),
+                            uneven_samples(scene, medium, "transmittance")))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
             size = (width, height) if isinstance(one, Sun) else small
@@ -83,7 +87,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             if not one.completes(medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
-                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *size, exposure, count,
+                half = max(1, round(size[0] / SHADOW_REDUCTION)), max(1, round(size[1] / SHADOW_REDUCTION))
+                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *half, exposure, count,
                              {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]

@@ -187,6 +187,9 @@ class Scattered:
         indirect = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
         basis = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)[view.where]
         clear = basis / read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]
+        if f"transmittance_{light}" not in self.runs:
+            way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
+            return strength, clear, clear * eye * way, indirect, indirect * eye * way
         fogged = self._image(f"transmittance_{light}")[view.where]
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry

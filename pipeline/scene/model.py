@@ -90,6 +90,9 @@ class RenderSettings(Model):
     in_scattering_size: int | None = parameter(
         256, "pixel", ge=16, le=20000,
         description="longer side at which the glow of lamps is rendered; null for the photograph's")
+    transmittance: Literal["area", "midpoint"] = parameter(
+        "area", description="of a lamp's light on its way to surfaces: averaged over its area, or from its midpoint, as"
+                            " in the paper (eq. 5), which needs no render")
     restore_clipped_lamps: bool = parameter(
         True,
         description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn"

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.geometry.planes import polygon_area, polygon_normal
+from pipeline.geometry.planes import polygon_area, polygon_midpoint, polygon_normal
 from pipeline.physics import polygon_glow
 from pipeline.physics.emitters import polygon_cells
 from pipeline.plugins.annotations import Outline, facing
@@ -55,6 +55,9 @@ class Area(Light):
         # behind the lamp some arrives all the same, by reflection: no point may get none at all
         cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0.02, 1)
         return area * cosine / (distance**2 + area / np.pi), distance
+
+    def midpoint(self):
+        return polygon_midpoint(self.outline.polygon)
 
     def completes(self, medium):
         # where the density stands on a grid, the way from each part of the lamp would cost too much

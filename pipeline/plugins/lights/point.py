@@ -30,6 +30,9 @@ class Point(Light):
     def bulbs(self):
         return self.position.vector[None], self.radius
 
+    def midpoint(self):
+        return self.position.vector
+
     def incident(self, points):
         distance = np.linalg.norm(np.asarray(points, float) - self.position.vector, axis=-1)
         return 1 / (distance**2 + self.radius**2), distance

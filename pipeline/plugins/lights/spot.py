@@ -57,6 +57,9 @@ class Spot(Light):
     def bulbs(self):
         return self.position.vector[None], self.radius
 
+    def midpoint(self):
+        return self.position.vector
+
     def incident(self, points):
         offset = np.asarray(points, float) - self.position.vector
         distance = np.linalg.norm(offset, axis=-1)
