@@ -74,11 +74,15 @@ def rayleigh(cosine: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Medium:
-    """Homogeneous fog: coefficients [1/m], grey (a number) or RGB (3,), and the phase function."""
+    """Homogeneous fog: coefficients [1/m], grey (a number) or RGB (3,), and the phase function.
+
+    scale_height [m]: coefficients are times exp(-y / scale_height), not clamped below; rectangle lights only.
+    """
 
     absorption_coefficient: np.ndarray | float
     scattering_coefficient: np.ndarray | float
     phase_function: PhaseFunction = henyey_greenstein(0.0)
+    scale_height: float | None = None
 
     @property
     def scattering(self) -> np.ndarray:
@@ -266,7 +270,8 @@ def rectangle_light_in_scattering(rays: Rays, medium: Medium, light: RectangleLi
             return medium.phase_function(-s / distance) * np.maximum(cosine, 0)
 
         # A tenth: the line integral's error must not be mistaken for a difference between patches.
-        line = _seen_by_points(lines, points, extinction, polygons, factor, 0.1 * tolerance, eye=1.0)
+        line = _seen_by_points(lines, points, extinction, polygons, factor, 0.1 * tolerance, eye=1.0,
+                               scale_height=medium.scale_height)
         return size.prod() * (line.reshape(len(extinction), -1, len(weight)) @ weight)
 
     def over_lamp(extinction):
@@ -337,7 +342,8 @@ def direct_irradiance(light: Light, points: np.ndarray, normals: np.ndarray,
     points, normals = np.asarray(points, float), np.asarray(normals, float)
     extinction = np.zeros(3) if medium is None else medium.extinction
     if isinstance(light, RectangleLight):
-        return _rectangle_irradiance(light, points, normals, _Polygons(occluders), extinction, tolerance)
+        return _rectangle_irradiance(light, points, normals, _Polygons(occluders), extinction, tolerance,
+                                     medium and medium.scale_height)
     if isinstance(light, SunWindow):
         return _sun_irradiance(light, points, normals, occluders, extinction)
     offset = points - light.midpoint
@@ -350,7 +356,7 @@ def direct_irradiance(light: Light, points: np.ndarray, normals: np.ndarray,
     return _rgb(light.intensity) * share[:, None] * np.exp(-extinction * distance[:, None])
 
 
-def _rectangle_irradiance(light, points, normals, polygons, extinction, tolerance):
+def _rectangle_irradiance(light, points, normals, polygons, extinction, tolerance, scale_height=None):
     """Lines across the lamp along edge_b, each cut exactly where `points` do not see it."""
     corner, edge_a, edge_b = (np.asarray(v, float) for v in (light.corner, light.edge_a, light.edge_b))
     extinction, channel = np.unique(extinction, return_inverse=True)
@@ -375,7 +381,7 @@ def _rectangle_irradiance(light, points, normals, polygons, extinction, toleranc
             return np.maximum(at_surface, 0) * in_front[point[item], None] / distance**2
 
         return _seen_by_points(lines, points[point], extinction, polygons, factor, 0.1 * tolerance,
-                               eye=0.0).reshape(-1, *f.shape)
+                               eye=0.0, scale_height=scale_height).reshape(-1, *f.shape)
 
     share = _adaptive(integrand, len(seen), tolerance, len(extinction))[channel].T
     result[seen] = share * np.linalg.norm(light.area_vector) / length
@@ -408,7 +414,8 @@ def transmittance(rays: Rays, medium: Medium, lights: Sequence[Light], occluders
         raise ValueError(f"variant is 'area' or 'midpoint', not {variant!r}")
     extinction = medium.extinction
     with np.errstate(invalid="ignore"):
-        eye = np.where(extinction == 0, 1.0, np.exp(-extinction * rays.depth[:, None]))
+        path = rays.depth * _mean_density(rays.origin[1], rays.points()[:, 1], medium.scale_height)
+        eye = np.where(extinction == 0, 1.0, np.exp(-extinction * path[:, None]))
     surface = rays.surface()
     points, normals = rays.points(surface), rays.normals[surface]
     clear, foggy = np.zeros((2, len(points), 3))
@@ -419,6 +426,7 @@ def transmittance(rays: Rays, medium: Medium, lights: Sequence[Light], occluders
             foggy += direct_irradiance(light, points, normals, occluders, medium, tolerance)
         else:
             distance = np.linalg.norm(points - light.midpoint, axis=1)
+            distance = distance * _mean_density(light.midpoint[1], points[:, 1], medium.scale_height)
             foggy += without * np.exp(-extinction * distance[:, None])
     with np.errstate(invalid="ignore"):
         eye[surface] *= foggy / clear
@@ -597,7 +605,7 @@ def _scattered(medium: Medium, count: int, integral) -> np.ndarray:
 
 
 def _seen_by_points(lines: _Lines, points, extinction, polygons, factor, tolerance, radius=0.0,
-                    breaks=None, eye=1.0) -> np.ndarray:
+                    breaks=None, eye=1.0, scale_height=None) -> np.ndarray:
     """Integral (C, n) over the part of each line that its point sees, of
     exp(-kappa (eye t + d)) factor / (d^2 + radius^2) dt, with d the distance from point to line element.
 
@@ -614,7 +622,7 @@ def _seen_by_points(lines: _Lines, points, extinction, polygons, factor, toleran
         squared = np.einsum("ij,ij->i", perpendicular, perpendicular)
         item, start, end = _gaps(piece, *polygons.shadows(point, np.ones(len(point)), piece))
         start, end = start - foot[item], end - foot[item]
-        if eye and extinction.min() > 0:
+        if eye and extinction.min() > 0 and scale_height is None:
             # Along the line t + d only grows: cut where it has grown by the negligible optical depth.
             reach = start + np.sqrt(start**2 + squared[item]) + _NEGLIGIBLE_DEPTH / extinction.min()
             end = np.minimum(end, (reach**2 - squared[item]) / (2 * reach))
@@ -641,11 +649,29 @@ def _seen_by_points(lines: _Lines, points, extinction, polygons, factor, toleran
             distance = np.maximum(np.sqrt(s * s + squared[which, None]), _NO_SIZE)
             value = factor(which + begin, s, distance, perpendicular[which]) * opening[index, None] / w
             path = distance + eye * (foot[which, None] + s)
+            if scale_height is not None:
+                base = point[which, 1][:, None]
+                height = base + perpendicular[which, 1][:, None] + s * piece.direction[which, 1][:, None]
+                path = distance * _mean_density(base, height, scale_height)
+                if eye:
+                    origin = piece.origin[which, 1][:, None]
+                    path = path + eye * (foot[which, None] + s) * _mean_density(origin, height, scale_height)
+                    value = value * np.exp(-height / scale_height)
             return np.exp(-extinction[:, None, None] * path) * value
 
         values = _adaptive(integrand, len(item), tolerance, len(extinction))
         result[:, part] = _sum_by(item, values, len(point))
     return result
+
+
+def _mean_density(low, high, scale_height):
+    """Mean of exp(-y / scale_height) over heights between `low` and `high`; 1 without a scale height."""
+    if scale_height is None:
+        return np.ones(np.broadcast_shapes(np.shape(low), np.shape(high)))
+    rise = (high - np.asarray(low)) / scale_height
+    small = np.abs(rise) < 1e-6
+    thinning = np.where(small, 1 - rise / 2, -np.expm1(-rise) / np.where(small, 1.0, rise))
+    return np.exp(-np.asarray(low) / scale_height) * thinning
 
 
 def _adaptive(integrand, count: int, tolerance: float, channels: int, max_halvings: int = 40) -> np.ndarray:
@@ -725,7 +751,7 @@ def cornell_room() -> Room:
     lamp = RectangleLight((-0.25, 1.98, -0.2), (0.5, 0, 0), (0, 0, 0.4), (17.0, 12.0, 7.0))
     corner, a, b = (np.asarray(v) for v in (lamp.corner, lamp.edge_a, lamp.edge_b))
     polygons = shell + tall + short + [np.array([corner, corner + a, corner + a + b, corner + b])]
-    white, red, green, black = (0.73, 0.73, 0.73), (0.63, 0.06, 0.05), (0.15, 0.48, 0.09), (0.0, 0.0, 0.0)
+    white, red, green, black = (0.73, 0.73, 0.73), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091), (0.0, 0.0, 0.0)
     albedos = [white, white, white, red, green] + [white] * 10 + [black]
     return Room(polygons, np.array(albedos), lamp, len(polygons) - 1, np.array([0.03, 1.04, 3.9]),
                 np.array([0.01, 0.97, 0.0]), 37.0)
