@@ -209,6 +209,13 @@ class Light(Plugin):
         """(3,) [m], for which the whole light may stand (Zhao et al. 2013, eq. 5), or None where it stands nowhere."""
         return None
 
+    def finer(self, step: float, extinction: float) -> "Light":
+        """The light, or the same of small lights that span at most `step` optical depths in fog of `extinction` [1/m].
+
+        In half-shadow a part of a lamp shines, and T depends on where that part is: the denser the fog, the finer.
+        """
+        return self
+
     def completes(self, medium: "Medium") -> bool:
         """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what
         shadows take from it, and close to the light nothing depends on how finely they are sampled."""

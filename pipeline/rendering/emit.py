@@ -150,6 +150,8 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         light = scene.lights[name]
         if "shadows" in run.options:
             light = light.shaded_part(camera.position)
+        if "finer" in run.options:
+            light = light.finer(*run.options["finer"])
         lights.append(templates.of_plugin(light, {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
     return templates.render(f"{run.kind}.pov", {

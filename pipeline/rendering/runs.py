@@ -44,11 +44,13 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
 
 
 def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
-             in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False) -> list[Run]:
+             in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False,
+             transmittance_step: float = np.inf) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
     midpoint: whether T takes each light's midpoint for all of it, where it has one, and needs no render.
+    transmittance_step: most optical depths that a small light of T's may span.
     shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
@@ -73,9 +75,14 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
         irradiance = _irradiance(scene, light, points)
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
         if not midpoint or one.midpoint() is None:
+            finer = one.finer(transmittance_step, float(extinction.max()))
+            options = {} if finer is one else {"finer": [transmittance_step, float(extinction.max())]}
+            if options:
+                # what is divided by must be lit by the same small lights
+                runs.append(replace(irradiance_run(scene, light), id=f"clear_{light}", options=options))
             runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
                             _exposure(level, irradiance / np.pi if uneven else None),
-                            uneven_samples(scene, medium, "transmittance")))
+                            uneven_samples(scene, medium, "transmittance"), options))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
             size = (width, height) if isinstance(one, Sun) else small

@@ -180,22 +180,34 @@ class Scattered:
             reduced = clear * eye * on_the_way
             return strength, clear, reduced, clear, reduced
         irradiance, path = one.incident(view.points)
-        # light that comes by reflection crosses fog about as dense as what lies before the eye
-        length = np.linalg.norm(view.points - self.scene.camera.position, axis=-1)
-        mean = self.medium.density_path(self.scene.camera.position, view.points) / np.maximum(length, 1e-12)
-        on_the_way = np.exp(-self.extinction * (mean * path)[..., None])
+        if one.midpoint() is not None:
+            on_the_way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
+        else:
+            # light that comes by reflection crosses fog about as dense as what lies before the eye
+            length = np.linalg.norm(view.points - self.scene.camera.position, axis=-1)
+            mean = self.medium.density_path(self.scene.camera.position, view.points) / np.maximum(length, 1e-12)
+            on_the_way = np.exp(-self.extinction * (mean * path)[..., None])
         indirect = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
-        basis = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)[view.where]
-        clear = basis / read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]
+        basis, exposure = self._clear(light)
+        basis = basis[view.where]
+        clear = basis / exposure
         if f"transmittance_{light}" not in self.runs:
-            way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
-            return strength, clear, clear * eye * way, indirect, indirect * eye * way
+            return strength, clear, clear * eye * on_the_way, indirect, indirect * eye * on_the_way
         fogged = self._image(f"transmittance_{light}")[view.where]
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
         return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way), indirect,
                 indirect * eye * on_the_way)
+
+    def _clear(self, light: str) -> tuple[np.ndarray, float]:
+        """Irradiance/pi of the light without fog times an exposure, and that, of as many small lights as the render with
+        fog has."""
+        finer = f"clear_{light}"
+        if finer in self.runs:
+            return self._image(finer), self.runs[finer].exposure
+        image = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)
+        return image, read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]
 
     def _image(self, run: str) -> np.ndarray:
         return read_map(self.build.runs / f"{run}.exr").astype(float)

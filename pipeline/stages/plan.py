@@ -26,7 +26,7 @@ def run(build: Build) -> None:
         lights = [name for name in bright if not hidden(scene, medium, name)]
         shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
         runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
-                        settings["transmittance"] == "midpoint")
+                        settings["transmittance"] == "midpoint", settings["transmittance_step"])
         reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in bright]
         reasons += [f"{name}: left out, behind {UNSEEN:g} optical depths of fog" for name in bright if name not in lights]
         reasons += reasons_for(scene, medium, lights, runs, settings["samples"])
@@ -53,6 +53,8 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
             reasons.append(f"{name}: known in closed form, no render")
         if scene.rendered(name) and f"transmittance_{name}" not in {one.id for one in runs}:
             reasons.append(f"{name}: T by the light's midpoint, no render")
+        if f"clear_{name}" in {one.id for one in runs}:
+            reasons.append(f"{name}: smaller parts of it for T, for the fog is dense and its half-shadows wide")
     if not medium.coefficients()[1].max() > 0:
         reasons.append("the fog scatters nothing: no in-scattering renders, V = 0")
     if not scene.outdoors and not any(light.type == "sun" for light in scene.lights.values()):

@@ -13,6 +13,10 @@ from pipeline.plugins.annotations import Outline, facing
 from pipeline.plugins.base import Colour, Light, Vector, parameter
 
 
+#: A side; its square is what a render pays for.
+MOST_SUB_LIGHTS = 32
+
+
 class Area(Light):
     """A lamp or a window with an area: a one-sided Lambertian polygon of uniform radiance."""
 
@@ -25,7 +29,7 @@ class Area(Light):
     faces_towards: Vector | None = parameter(
         None, "m", description="a point on its lit side; the camera when left out")
     sub_lights: int = parameter(
-        5, ge=1, le=32,
+        5, ge=1, le=MOST_SUB_LIGHTS,
         description="its square is the number of small lights that stand for the area; 8 for glow close to"
                     " it")
 
@@ -58,6 +62,11 @@ class Area(Light):
 
     def midpoint(self):
         return polygon_midpoint(self.outline.polygon)
+
+    def finer(self, step, extinction):
+        across = float(np.linalg.norm(np.ptp(self.outline.polygon, axis=0)))
+        count = int(np.ceil(min(extinction * across / step, MOST_SUB_LIGHTS)))
+        return self if count <= self.sub_lights else self.model_copy(update={"sub_lights": count})
 
     def completes(self, medium):
         # where the density stands on a grid, the way from each part of the lamp would cost too much
