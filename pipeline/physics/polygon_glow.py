@@ -12,12 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pipeline.geometry.planes import polygon_area, polygon_midpoint
 from pipeline.physics.emitters import polygon_cells
 
-#: Nodes along the ray and small cells a side of the lamp, refined where a level differs from the one before.
-LEVELS = ((8, 2), (16, 3), (32, 5), (64, 8), (128, 12), (256, 12))
-#: Relative difference of two levels below which the finer is taken: it is several times as near itself.
-TOLERANCE = 2e-3
+#: Nodes along the ray and across the lamp, refined where a level differs from the one before.
+LEVELS = ((4, 1), (6, 2), (10, 3), (20, 4), (40, 6), (80, 10))
+#: Relative difference of two levels below which the finer is taken: it is some ten times as near itself.
+TOLERANCE = 5e-3
 #: Points evaluated at once: some hundred megabytes.
 CHUNK = 2_000_000
 
@@ -54,9 +55,9 @@ def in_scattering(polygon: np.ndarray, normal: np.ndarray, eye: np.ndarray, dire
     open_ = np.nonzero(far > near)[0]
     before = None
     for nodes, count in LEVELS:
-        centres, areas = polygon_cells(polygon, count)
-        rays = max(1, CHUNK // (nodes * len(centres)))
-        found = np.concatenate([_along(polygon, normal, centres, areas, eye, directions[one], near[one], far[one],
+        parts = _Quadrilateral(polygon, normal, count) if len(polygon) == 4 else _Cells(polygon, count)
+        rays = max(1, CHUNK // (2 * nodes * count**2))
+        found = np.concatenate([_along(polygon, normal, parts, eye, directions[one], near[one], far[one],
                                        nodes, density, path, phase, values)
                                 for one in np.split(open_, range(rays, len(open_), rays))]) if len(open_) else None
         if found is None:
@@ -79,10 +80,53 @@ def _lit(corner, normal, eye, directions, depth) -> tuple[np.ndarray, np.ndarray
     return near, np.where((slope == 0) & (height <= 0), near, far)
 
 
-def _along(polygon, normal, centres, areas, eye, directions, near, far, nodes, density, path, phase, extinctions):
+class _Cells:
+    """Parts of any polygon, the same for all points."""
+
+    def __init__(self, polygon, count):
+        self.centres, self.areas = polygon_cells(polygon, count)
+
+    def seen_from(self, points):
+        """Places (..., k, 3) [m] on the lamp and their areas (..., k) [m^2], for points (..., 3)."""
+        return self.centres, self.areas
+
+
+class _Quadrilateral:
+    """Gauss nodes on a convex quadrilateral, crowded to where a point is near: in asinh of the offset over the distance,
+    in which light and phase function change evenly."""
+
+    def __init__(self, polygon, normal, count):
+        self.corner, self.normal = polygon[0], normal
+        self.edges = polygon[1] - polygon[0], polygon[3] - polygon[0]
+        self.twist = polygon[2] - polygon[1] - polygon[3] + polygon[0]
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        self.nodes, self.weights = 0.5 + 0.5 * nodes, 0.5 * weights
+        # coordinates along both edges of a point in the plane
+        self.to_edges = np.linalg.pinv(np.stack(self.edges, 1))
+
+    def seen_from(self, points):
+        relative = points - self.corner
+        place = relative @ self.to_edges.T
+        height = np.abs(relative @ self.normal)
+        beside = np.maximum(np.abs(place - 0.5) - 0.5, 0) * [np.linalg.norm(edge) for edge in self.edges]
+        sides = []
+        for k, edge in enumerate(self.edges):
+            scale = np.maximum(np.hypot(height, beside[..., 1 - k]) / np.linalg.norm(edge), 1e-4)[..., None]
+            first, last = (np.arcsinh((end - place[..., k, None]) / scale) for end in (0.0, 1.0))
+            angle = first + (last - first) * self.nodes
+            sides.append((np.clip(place[..., k, None] + scale * np.sinh(angle), 0, 1),
+                          (last - first) * self.weights * scale * np.cosh(angle)))
+        (u, du), (v, dv) = sides
+        u, v = u[..., :, None, None], v[..., None, :, None]
+        places = self.corner + u * self.edges[0] + v * self.edges[1] + u * v * self.twist
+        stretch = np.cross(self.edges[0] + v * self.twist, self.edges[1] + u * self.twist) @ self.normal
+        areas = du[..., :, None] * dv[..., None, :] * np.abs(stretch)
+        return places.reshape(*points.shape[:-1], -1, 3), areas.reshape(*points.shape[:-1], -1)
+
+
+def _along(polygon, normal, parts, eye, directions, near, far, nodes, density, path, phase, extinctions):
     """Integral over the rays, (n, extinctions), by Gauss nodes in the angle from which the lamp's centre sees the ray."""
-    centre = areas @ centres / areas.sum()
-    size = np.sqrt(areas.sum() / np.pi)
+    centre, size = polygon_midpoint(polygon), np.sqrt(polygon_area(polygon) / np.pi)
     foot = np.clip((centre - eye) @ directions.T, near, far)
     away = np.maximum(np.linalg.norm(eye + foot[:, None] * directions - centre, axis=-1), 0.05 * size)
     gauss, weights = np.polynomial.legendre.leggauss(nodes)
@@ -95,14 +139,15 @@ def _along(polygon, normal, centres, areas, eye, directions, near, far, nodes, d
         points = eye + distance[..., None] * directions[:, None]
         to_eye = path(np.broadcast_to(eye, points.shape), points)
         seen = solid_angle(points, polygon) * density(points) * step
-        way = points[..., None, :] - centres
+        places, areas = parts.seen_from(points)
+        way = points[..., None, :] - places
         squared = np.maximum((way**2).sum(-1), 1e-300)
         length = np.sqrt(squared)
         share = np.maximum(way @ normal, 0) * areas / (squared * length)
         share = share / np.maximum(share.sum(-1, keepdims=True), 1e-300)
         cosine = -np.einsum("...kj,...j->...k", way, np.broadcast_to(directions[:, None], points.shape)) / length
         share = share * phase(cosine)
-        crossed = path(points[..., None, :], np.broadcast_to(centres, way.shape))
+        crossed = path(points[..., None, :], np.broadcast_to(places, way.shape))
         for k, extinction in enumerate(extinctions):
             mean = (share * np.exp(-extinction * crossed)).sum(-1)
             total[:, k] += (seen * mean * np.exp(-extinction * to_eye)).sum(-1)

@@ -55,8 +55,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     """
     runs = []
     width, height = scene.camera.width, scene.camera.height
-    reduction = min(1.0, (in_scattering_size or 10**9) / max(width, height))
-    small = (max(1, round(width * reduction)), max(1, round(height * reduction)))
+    small = glow_size(width, height, in_scattering_size)
     points, directions = _grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
     extinction = np.add(*medium.coefficients())
@@ -100,6 +99,12 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
     return runs
+
+
+def glow_size(width: int, height: int, longer_side: int | None) -> tuple[int, int]:
+    """Width and height at which the glow of lamps is found, for a photograph's."""
+    reduction = min(1.0, (longer_side or 10**9) / max(width, height))
+    return max(1, round(width * reduction)), max(1, round(height * reduction))
 
 
 def hidden(scene: PlacedScene, medium: Medium, light: str) -> bool:

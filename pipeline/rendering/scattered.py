@@ -15,7 +15,7 @@ from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.upsampling import upsample
 from pipeline.plugins.base import Medium
-from pipeline.rendering.runs import SHADED, UNSHADED, from_json
+from pipeline.rendering.runs import SHADED, UNSHADED, from_json, glow_size
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
@@ -79,6 +79,8 @@ class Scattered:
         surfaces = read_map(build.surfaces)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
+        self.in_scattering_size = read_json(build.input("render"))["in_scattering_size"]
+        self.glows: dict[str, np.ndarray] = {}
         self.solid_depths: dict[tuple[int, int], np.ndarray] = {}
         self.edges = read_edges(build)
         front = self.depth if self.edges is None else self.edges.front_depth
@@ -137,12 +139,26 @@ class Scattered:
 
         Their errors cancel close to the light, where they are largest and nothing stands between.
         """
-        known = self.scene.lights[light].in_scattering(self.medium, self.scene.camera.position, view.directions, view.depth)
+        known = self._unshadowed(light, view)
         if f"{SHADED}_{light}" not in self.runs:
             return known
         taken = (self._enlarged(f"{UNSHADED}_{light}", view) - self._enlarged(f"{SHADED}_{light}", view)
                  ) / self.runs[f"{SHADED}_{light}"].exposure
         return np.clip(known - taken, 0, known)
+
+    def _unshadowed(self, light: str, view: View) -> np.ndarray:
+        """V of a rendered light without shadows, at the size at which glow is rendered."""
+        eye, camera = self.scene.camera.position, self.scene.camera
+        width, height = glow_size(camera.width, camera.height, self.in_scattering_size)
+        one = self.scene.lights[light]
+        if (width, height) == (camera.width, camera.height):
+            return np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
+        if light not in self.glows:
+            small = camera.resized(width, height)
+            depth = self._solid_depth(width, height)
+            depth = np.where(np.isfinite(depth), depth, float(view.full_depth.max()))
+            self.glows[light] = one.in_scattering(self.medium, eye, small.directions(small.pixel_centres()), depth)
+        return self._resampled(self.glows[light], view)
 
     def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
         """What shadows leave of the light's V, from two renders whose sampling errors cancel."""
@@ -151,12 +167,15 @@ class Scattered:
         return np.where(known, np.clip(shaded / np.where(known, unshaded, 1.0), 0, 1), 1.0)
 
     def _enlarged(self, run: str, view: View) -> np.ndarray:
-        rendered = self._image(run)
-        if rendered.shape[:2] != self.depth.shape:
-            coarse_depth = self._solid_depth(rendered.shape[1], rendered.shape[0])
+        return self._resampled(self._image(run), view)
+
+    def _resampled(self, values: np.ndarray, view: View) -> np.ndarray:
+        """What was rendered at any size, at the view's pixels."""
+        if values.shape[:2] != self.depth.shape:
+            coarse_depth = self._solid_depth(values.shape[1], values.shape[0])
             coarse_depth = np.where(np.isfinite(coarse_depth), coarse_depth, float(view.full_depth.max()))
-            rendered = upsample(rendered, coarse_depth, view.full_depth)
-        return rendered[view.where]
+            values = upsample(values, coarse_depth, view.full_depth)
+        return values[view.where]
 
     def _solid_depth(self, width: int, height: int) -> np.ndarray:
         """Depth [m] of what the renders of this size saw."""
