@@ -69,6 +69,7 @@ def fuzz(numbers, seed: int, kinds: list[str], keep_in: Path
                 what = f"{found['stage']}: {alike(found['said'])}"
                 if what not in failures:
                     smallest = minimised(case, found, folder)
+                    shutil.rmtree(keep_in / f"{seed}-{number}", ignore_errors=True)
                     kept = keep(smallest, found, keep_in)
                     judged(smallest, folder)
                     shutil.copytree(folder / "scenes", kept / "scenes", dirs_exist_ok=True, symlinks=True,

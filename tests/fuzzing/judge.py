@@ -17,6 +17,7 @@ import traceback
 import warnings
 from pathlib import Path
 
+from pipeline.cli import STAGES, main
 from tests.fuzzing.cases import SCENE, SECRET, Case, write
 
 #: Longest and largest that a case may be.
@@ -29,6 +30,10 @@ CHEAP = ("resolve", "photograph", "camera", "geometry", "sun_direction", "illumi
 WHOLE = (*CHEAP, "render", "decompose", "composite")
 #: So many rays a side tell whether the fog is sane along them.
 RAYS = 8
+
+
+#: Loaded once, in the process that cases are forked from.
+MODULES = {stage: importlib.import_module(f"pipeline.stages.{stage}") for stage in STAGES}
 
 
 class Insane(Exception):
@@ -123,8 +128,6 @@ def _listed(root: Path) -> dict[str, tuple]:
 
 
 def _staged(case: Case, root: Path, overrides: dict[str, str]) -> dict:
-    from pipeline.cli import main
-
     if not case.rendered:
         _without_renders()
     options = ["--scene", SCENE, "--scenes", str(root / "scenes"), "--build", str(root / "build"),
@@ -156,7 +159,7 @@ def _checked_message(text: str, status: int) -> str:
 
 def _without_renders() -> None:
     """Estimates that POV-Ray makes are taken as 1: the .pov files are written, and not rendered."""
-    illumination = importlib.import_module("pipeline.stages.illumination")
+    illumination = MODULES["illumination"]
     illumination.render = lambda build, planned, text: None
 
     def stand_in(build, scene, settings, given, templates):
