@@ -11,6 +11,7 @@ import OpenImageIO as oiio
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.regions import nearest_index, torn
+from pipeline.imaging.oiio_error import oiio_error
 
 MAX_PIXELS = 100_000_000
 #: By so much a file's shape may differ from the photograph's.
@@ -179,7 +180,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     config.attribute("oiio:UnassociatedAlpha", 1)  # otherwise values come back multiplied by alpha
     source = oiio.ImageInput.open(str(path), config)
     if source is None:
-        reason = " ".join(oiio.geterror().split()) or "unknown format"
+        reason = oiio_error(oiio) or "unknown format"
         raise InputError(f"cannot be read as a picture ({reason})", place=str(path),
                          remedy="give a PNG, TIFF or EXR file")
     spec = source.spec()
@@ -188,7 +189,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
                          remedy=f"keep it below {MAX_PIXELS // 10**6} megapixels")
     values = source.read_image(0, 0, 0, spec.nchannels, spec.format)
     if values is None or source.has_error:
-        raise InputError(f"is damaged ({' '.join(source.geterror().split())})", place=str(path),
+        raise InputError(f"is damaged ({oiio_error(source)})", place=str(path),
                          remedy="write it anew")
     values = np.asarray(values).reshape(spec.height, spec.width, spec.nchannels)
     if values.dtype.kind == "f" and (spec.full_width, spec.full_height) != (spec.width, spec.height):

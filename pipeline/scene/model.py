@@ -29,7 +29,7 @@ class KnownLength(Model):
 
     pixels: Segment = parameter(unit="pixel", description="its two ends")
     on: Literal["floor"] = parameter("floor", description="plane on which both ends lie")
-    length: float = parameter(unit="m", gt=0, le=1e6)
+    length: float = parameter(unit="m", ge=1e-6, le=1e6)
 
 
 class CameraDescription(Model):
@@ -49,7 +49,7 @@ class CameraDescription(Model):
         None, "pixel", description="the centre when left out")
     horizon: Segment | None = parameter(
         None, "pixel", description="a line along the horizon, instead of `pitch` and `roll`")
-    height: float | None = parameter(None, "m", gt=0, le=1e6, description="of the camera above the floor")
+    height: float | None = parameter(None, "m", ge=1e-6, le=1e6, description="of the camera above the floor")
     known_length: KnownLength | None = None
     position: Vector | None = parameter(None, "m", description="with `look_at`: the camera in the world")
     look_at: Vector | None = parameter(None, "m")

@@ -121,7 +121,7 @@ def _bulbs(scene: PlacedScene) -> np.ndarray:
         positions, radius = light.bulbs()
         for pixel, depth in zip(*camera.project(positions)):
             if depth > 0 and np.abs(pixel).max() < 1e5:
-                reach = 2 * camera.focal_length * radius / depth + BULB_BORDER
+                reach = 2 * camera.focal_length * radius / max(depth, 1e-6) + BULB_BORDER
                 cv2.circle(mask, np.round(pixel - 0.5).astype(int).tolist(), int(np.ceil(min(reach, 1e4))), 1, -1)
     return mask > 0
 

@@ -18,6 +18,7 @@ import warnings
 from pathlib import Path
 
 from pipeline.cli import STAGES, main
+from pipeline.scene.model import scene_model
 from tests.fuzzing.cases import SCENE, SECRET, Case, write
 
 #: Longest and largest that a case may be.
@@ -33,6 +34,7 @@ RAYS = 8
 
 
 #: Loaded once, in the process that cases are forked from.
+scene_model()
 MODULES = {stage: importlib.import_module(f"pipeline.stages.{stage}") for stage in STAGES}
 
 
