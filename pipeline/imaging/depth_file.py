@@ -14,6 +14,7 @@ from pipeline.geometry.regions import nearest_index, torn
 from pipeline.imaging.oiio_error import oiio_error
 
 MAX_PIXELS = 100_000_000
+MAX_CHANNELS = 64
 #: By so much a file's shape may differ from the photograph's.
 SAME_SHAPE = 0.02
 #: Distance of a painted colour, in 8-bit values, at which it is the one of the palette beyond doubt, ...
@@ -186,7 +187,11 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     spec = source.spec()
     if max(spec.width * spec.height, spec.full_width * spec.full_height) > MAX_PIXELS:
         raise InputError(f"has {spec.width}x{spec.height} pixels", place=str(path),
-                         remedy=f"keep it below {MAX_PIXELS // 10**6} megapixels")
+                         remedy=f"keep it below {MAX_PIXELS // 10**6} megapixels, which is fixed; it may be smaller than the"
+                                " photograph")
+    if spec.nchannels > MAX_CHANNELS:
+        raise InputError(f"has {spec.nchannels} channels", place=str(path),
+                         remedy=f"save it with {MAX_CHANNELS} at most, which is fixed")
     values = source.read_image(0, 0, 0, spec.nchannels, spec.format)
     if values is None or source.has_error:
         raise InputError(f"is damaged ({oiio_error(source)})", place=str(path),

@@ -17,6 +17,8 @@ from pipeline.imaging.photograph_file import SUFFIXES, Photograph
 
 #: Photographs with more pixels are refused from their header, before any pixel is decoded.
 MAX_PIXELS = 100_000_000
+#: Of layered EXR files, whose channels are all decoded to find R, G, B among them.
+MAX_CHANNELS = 64
 _SAMPLE_TYPES = {oiio.UINT8: "uint8", oiio.UINT16: "uint16", oiio.HALF: "half", oiio.FLOAT: "float",
                  oiio.DOUBLE: "float"}
 #: Diagonal of the 36 x 24 mm frame that 35 mm equivalents refer to [mm] (CIPA DCG-001).
@@ -62,7 +64,9 @@ def _read(source: oiio.ImageInput, path: Path, colour_space: str, max_pixels: in
     if pixels > max_pixels:
         raise InputError(f"{spec.width} x {spec.height} = {pixels / 1e6:.1f} megapixels exceed the limit of "
                          f"{max_pixels / 1e6:g}",
-                         remedy="raise the photograph's max_megapixels or make it smaller")
+                         remedy="raise photograph.max_megapixels or make it smaller")
+    if spec.nchannels > MAX_CHANNELS:
+        raise InputError(f"{spec.nchannels} channels", remedy=f"save it with {MAX_CHANNELS} at most, which is fixed")
     if "CMYK" in (spec.get_string_attribute("jpeg:ColorSpace"), spec.get_string_attribute("tiff:ColorSpace")):
         raise InputError("a CMYK photograph", remedy="convert it to RGB: ink is no measure of scene light")
     is_ultra_hdr = format == "jpeg" and spec.format.basetype == oiio.HALF

@@ -8,6 +8,8 @@ from pipeline.plugins.base import Finite, Model, Name, Pixel, Vector, mistake, p
 from pipeline.plugins.choices import choice
 from pipeline.scene.depth_section import DepthSection
 
+#: Of all lights together; each costs a term at every point of the fog.
+MOST_SMALL_LIGHTS = 20_000
 Axis = Literal["x", "y", "z"]
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Segment = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
@@ -93,6 +95,9 @@ class RenderSettings(Model):
                     " them grey")
     threads: int | None = parameter(None, "1", ge=1, le=512,
                                     description="POV-Ray's work threads; all cores when left out")
+    max_light_samples: float = parameter(
+        1e11, "1", ge=1, le=1e15, description="scenes that need more are refused before they are rendered: pixels, times"
+                                              " samples, times the small lights that stand for each light")
     timeout: float = parameter(1800.0, "s", gt=0, le=86400,
                                description="a single POV-Ray run that takes longer is stopped")
 
@@ -134,6 +139,12 @@ def scene_model() -> type[Model]:
             if not self.shapes and self.depth is None:
                 raise mistake("neither 'shapes' nor 'depth' is there",
                               "describe a room by 'shapes', the open air by 'depth'")
+            small = sum(l.sub_lights**2 if hasattr(l, "sub_lights") else len(getattr(l, "positions", [0]))
+                        for l in self.lights.values())
+            if small > MOST_SMALL_LIGHTS:
+                raise mistake(f"{small} small lights (lamps' positions, squares of sub_lights), more than {MOST_SMALL_LIGHTS}",
+                              "lower sub_lights or leave lamps out; this limit is fixed, as scene files may come from"
+                              " strangers", ("lights",))
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
                 raise mistake("more than one light of type sun", "put the openings of all windows into one",
                               ("lights",))
