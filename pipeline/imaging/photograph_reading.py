@@ -17,6 +17,8 @@ from pipeline.imaging.photograph_file import SUFFIXES, Photograph
 
 #: Photographs with more pixels are refused from their header, before any pixel is decoded.
 MAX_PIXELS = 100_000_000
+#: A float that says more than this is no light but damage: the sun's disc is some 1e5 times photo white.
+BRIGHTEST = 1e9
 #: Of layered EXR files, whose channels are all decoded to find R, G, B among them.
 MAX_CHANNELS = 64
 _SAMPLE_TYPES = {oiio.UINT8: "uint8", oiio.UINT16: "uint16", oiio.HALF: "half", oiio.FLOAT: "float",
@@ -107,7 +109,7 @@ def _read(source: oiio.ImageInput, path: Path, colour_space: str, max_pixels: in
         result = Photograph(radiance=encoding.decode(valid), alpha=alpha, clipped=~finite, **photograph)
         if result.has_associated_alpha:
             np.divide(result.radiance, alpha[..., None], out=result.radiance, where=alpha[..., None] > 0)
-    beyond = ~np.isfinite(result.radiance).all(-1)
+    beyond = ~(np.abs(result.radiance) <= BRIGHTEST).all(-1)
     result.radiance[beyond], result.clipped[beyond] = 0, True
     return result
 
