@@ -40,7 +40,9 @@ def read_labels(path: Path, width: int, height: int, colours: list[str]) -> np.n
     _refuse_other_shape(pixels, "pixels", width, height, path, "paint over the whole photograph")
     if pixels.dtype != np.uint8:
         white = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-        pixels = np.round(np.clip(np.nan_to_num(pixels / np.float32(white)), 0, 1) * 255).astype(np.uint8)
+        # a damaged file may hold floats that are none
+        with np.errstate(invalid="ignore", over="ignore"):
+            pixels = np.round(np.clip(np.nan_to_num(pixels / np.float32(white)), 0, 1) * 255).astype(np.uint8)
     red, green, blue = (pixels[..., k].astype(np.uint32) for k in ((0, 1, 2) if pixels.shape[2] >= 3 else (0, 0, 0)))
     packed = (red << 16) + (green << 8) + blue
     # a painted picture has few colours, so that each is looked up once

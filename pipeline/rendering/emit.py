@@ -226,6 +226,6 @@ def _template_place(error: BaseException) -> str | None:
     while traceback is not None:
         file = traceback.tb_frame.f_code.co_filename
         if file.endswith((".inc", ".pov")):
-            place = f"{file}:{max(traceback.tb_lineno - 1, 1)}"
+            place = f"{file}:{max((traceback.tb_lineno or 1) - 1, 1)}"
         traceback = traceback.tb_next
     return place

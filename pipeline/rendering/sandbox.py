@@ -58,13 +58,21 @@ def in_time(name: str) -> Iterator[None]:
         yield
         return
 
+    late = []
+
     def stop(number, frame):
-        raise InputError(f"template takes longer than {MAX_SECONDS:g} s", place=name, remedy=f"loop less; {FIXED}")
+        late.append(True)
+        raise TimeoutError
 
     before = signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, MAX_SECONDS)
     try:
         yield
+    except Exception:
+        if not late:
+            raise
+        # whatever Jinja makes of an error between two lines of a template
+        raise InputError(f"template takes longer than {MAX_SECONDS:g} s", place=name, remedy=f"loop less; {FIXED}") from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)

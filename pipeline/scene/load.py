@@ -277,13 +277,18 @@ def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> I
         said, remedy = f"{dotted}: {problem}", remedy or "mend this entry"
     else:
         unit = _unit(model, text.values, where)
-        wanted = [WANTED.get(p["type"], "").format(**p.get("ctx", {}),
-                                                   unit=unit) or p["msg"] for p in problems]
+        # of groups pydantic does not tell how many they are
+        wanted = [WANTED.get(p["type"], "").format(**(p.get("ctx", {}) | _length(p)), unit=unit) or p["msg"]
+                  for p in problems]
         value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
         said, remedy = f"{dotted} = {_short(value)}", f"give {' or '.join(dict.fromkeys(wanted))}"
         if context.get("max_length", 0) >= FEWEST_OF_A_LIMIT:
             remedy += f"; {FIXED}"
     return InputError(said + more, place=text.place(where), remedy=remedy)
+
+
+def _length(problem: dict) -> dict[str, int]:
+    return {"actual_length": len(problem["input"])} if isinstance(problem["input"], (dict, list)) else {}
 
 
 def _where(problem: dict, values: Any) -> Keys:
