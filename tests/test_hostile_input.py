@@ -290,7 +290,15 @@ def test_floats_beyond_light_are_clipped(tmp_path):
         assert np.isfinite(photograph.radiance).all() and (photograph.radiance[0, :2] == 0).all()
 
 
-def test_damaged_files_whose_errors_are_no_text(tmp_path, monkeypatch):
+def test_labels_of_floats_that_are_none(tmp_path):
+    pixels = np.zeros((4, 4, 3))
+    pixels[..., 0], pixels[0, 0], pixels[1, 1] = 1, np.nan, 1e38
+    with np.errstate(all="raise"):
+        labels = read_labels(exr(tmp_path / "x.exr", pixels), 4, 4, ["#ff0000", "#0000ff"])
+    assert (labels[2:] == 0).all()
+
+
+def test_damaged_files_whose_errors_are_no_text():
     from pipeline.imaging.oiio_error import oiio_error
 
     class Source:
@@ -316,6 +324,15 @@ def test_damaged_grids(suffix, tiny_scene, capsys):
     assert tiny_scene.run("resolve", "photograph", "camera", "geometry", "sun_direction", overrides=(
         "fog={type: grid, file: density.%s, visibility: 5, lower: [-1, 0, -4], upper: [1, 2, -1]}" % suffix,)) == 0
     assert f"density.{suffix}: cannot be read" in refused(tiny_scene, capsys, "illumination", "plan")
+
+
+def test_stand_ins_beyond_bounds(tiny_scene, capsys):
+    text = tiny_scene.file.read_text()
+    text = text.replace("position: [0, 1.2, 0]", "position: [1.0e+7, 1.2, 0]").replace("look_at: [0,", "look_at: [1.0e+7,")
+    region = "r: {class: vertical, depth: 100, pixels: [[0, 0], [24, 0], [24, 18], [0, 18]]}"
+    start, end = text.index("shapes:"), text.index("lights:")
+    tiny_scene.file.write_text(text[:start] + "depth:\n  regions:\n    " + region + "\n" + text[end:])
+    assert "what stands in for region r reaches beyond 1e+07 m" in refused(tiny_scene, capsys)
 
 
 def test_a_scene_of_nothing_but_a_depth_map(tiny_scene):
