@@ -27,6 +27,8 @@ endif
 scene ?=
 fog ?=
 fogs ?=
+cases ?= 2000
+seed ?= 1
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -34,7 +36,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs
+unexport scene fog fogs cases seed
 define newline
 
 
@@ -68,13 +70,21 @@ endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
 $(eval $(call check_names,fogs))
+define check_number
+  $(call strip_plain,$(1))
+  ifneq ($$(rest)$$(filter-out $(addsuffix %,$(digits)),$$(value $(1)))$$(findstring -,$$(value $(1))),)
+    $$(error $(1)='$$(value $(1))': give a whole number)
+  endif
+endef
+$(eval $(call check_number,cases))
+$(eval $(call check_number,seed))
 $(eval $(call check_folder,SCENES))
 $(eval $(call check_folder,BUILD))
 
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -210,12 +220,15 @@ ladder: $(READY) | povray
 	$(run) ladder
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow bench-lamps photos photograph schema plugins clean help
+.PHONY: test test-slow fuzz bench-lamps photos photograph schema plugins clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
 
 test-slow: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2
+
+fuzz: setup
+	@OMP_NUM_THREADS=1 $(PY) -m tests.fuzzing --cases $(cases) --seed $(seed)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -250,6 +263,7 @@ help:
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
+	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
@@ -257,6 +271,7 @@ help:
 	@echo "  scene=NAME               folder under scenes/"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
+	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"
 	@echo "  SCENES=DIR BUILD=DIR     where scenes and results are (scenes, build)"
 	@echo "  PYTHON=python3.12        the Python to set up with; POVRAY=PROGRAM the POV-Ray to use"

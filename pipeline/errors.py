@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import difflib
 
+#: Characters of a problem or of a remedy; longer ones lose their middle.
+LONGEST = 500
+
 
 class InputError(Exception):
     """A mistake in a scene file, a photograph, a template, the command line or the machine's set-up.
@@ -32,4 +35,9 @@ def nearest(word: str, among: list[str]) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    """Without what would break the line or command a terminal, and short enough to be read.
+
+    Values and names of a stranger's scene stand in messages.
+    """
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    return line if len(line) <= LONGEST else line[:LONGEST - 150] + " ... " + line[-145:]

@@ -178,9 +178,15 @@ def inside(build: Build, name: str, stated_at: str | None = None) -> Path:
     """A file of the scene's folder; a name that leads out of it is refused, with `stated_at` [FILE:LINE]."""
     path = build.source / name
     try:
+        if "\0" in name:
+            raise ValueError
         path.resolve().relative_to(build.source.resolve())
     except ValueError:
         raise InputError(f"'{name}' leads out of the scene's folder",
                          place=stated_at or str(build.scene_file),
                          remedy=f"put the file into {build.source}") from None
+    # a pipe or a device would be waited for without end
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"'{name}' is no plain file", place=stated_at or str(build.scene_file),
+                         remedy="name a file that holds the data itself")
     return path

@@ -171,9 +171,13 @@ def chromaticities_encoding(chromaticities: np.ndarray) -> Encoding:
     chromaticities = np.asarray(chromaticities, float).ravel()
     if np.allclose(chromaticities, _REC709_PRIMARIES + _D65[:2], atol=1e-3):  # headers round to 3-4 digits
         return LinearEncoding()
-    return ProfileEncoding(imagecodecs.cms_profile(
-        "rgb", whitepoint=(*chromaticities[6:], 1.0), primaries=tuple(chromaticities[:6]), gamma=1.0),
-        embedded=False)
+    try:
+        return ProfileEncoding(imagecodecs.cms_profile(
+            "rgb", whitepoint=(*chromaticities[6:], 1.0), primaries=tuple(chromaticities[:6]), gamma=1.0),
+            embedded=False)
+    except (RuntimeError, ValueError) as error:  # three points that span no triangle, or numbers that are none
+        raise InputError(f"chromaticities {np.round(chromaticities, 4).tolist()} are of no colour space ({error})",
+                         remedy="remove them, or set colour_space") from None
 
 
 def _linear_rec709() -> bytes:

@@ -11,8 +11,10 @@ import OpenImageIO as oiio
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.regions import nearest_index, torn
+from pipeline.imaging.oiio_error import oiio_error
 
 MAX_PIXELS = 100_000_000
+MAX_CHANNELS = 64
 #: By so much a file's shape may differ from the photograph's.
 SAME_SHAPE = 0.02
 #: Distance of a painted colour, in 8-bit values, at which it is the one of the palette beyond doubt, ...
@@ -38,7 +40,9 @@ def read_labels(path: Path, width: int, height: int, colours: list[str]) -> np.n
     _refuse_other_shape(pixels, "pixels", width, height, path, "paint over the whole photograph")
     if pixels.dtype != np.uint8:
         white = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-        pixels = np.round(np.clip(np.nan_to_num(pixels / np.float32(white)), 0, 1) * 255).astype(np.uint8)
+        # a damaged file may hold floats that are none
+        with np.errstate(invalid="ignore", over="ignore"):
+            pixels = np.round(np.clip(np.nan_to_num(pixels / np.float32(white)), 0, 1) * 255).astype(np.uint8)
     red, green, blue = (pixels[..., k].astype(np.uint32) for k in ((0, 1, 2) if pixels.shape[2] >= 3 else (0, 0, 0)))
     packed = (red << 16) + (green << 8) + blue
     # a painted picture has few colours, so that each is looked up once
@@ -179,16 +183,20 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     config.attribute("oiio:UnassociatedAlpha", 1)  # otherwise values come back multiplied by alpha
     source = oiio.ImageInput.open(str(path), config)
     if source is None:
-        reason = " ".join(oiio.geterror().split()) or "unknown format"
+        reason = oiio_error(oiio) or "unknown format"
         raise InputError(f"cannot be read as a picture ({reason})", place=str(path),
                          remedy="give a PNG, TIFF or EXR file")
     spec = source.spec()
     if max(spec.width * spec.height, spec.full_width * spec.full_height) > MAX_PIXELS:
         raise InputError(f"has {spec.width}x{spec.height} pixels", place=str(path),
-                         remedy=f"keep it below {MAX_PIXELS // 10**6} megapixels")
+                         remedy=f"keep it below {MAX_PIXELS // 10**6} megapixels, which is fixed; it may be smaller than the"
+                                " photograph")
+    if spec.nchannels > MAX_CHANNELS:
+        raise InputError(f"has {spec.nchannels} channels", place=str(path),
+                         remedy=f"save it with {MAX_CHANNELS} at most, which is fixed")
     values = source.read_image(0, 0, 0, spec.nchannels, spec.format)
     if values is None or source.has_error:
-        raise InputError(f"is damaged ({' '.join(source.geterror().split())})", place=str(path),
+        raise InputError(f"is damaged ({oiio_error(source)})", place=str(path),
                          remedy="write it anew")
     values = np.asarray(values).reshape(spec.height, spec.width, spec.nchannels)
     if values.dtype.kind == "f" and (spec.full_width, spec.full_height) != (spec.width, spec.height):

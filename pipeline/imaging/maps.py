@@ -16,6 +16,7 @@ import OpenImageIO as oiio
 
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
+from pipeline.imaging.oiio_error import oiio_error
 
 Metadata = Mapping[str, "str | int | float | tuple[float, ...]"]
 
@@ -70,7 +71,7 @@ def read_map(path: str | os.PathLike) -> np.ndarray:
                          remedy="a map has R, G, B or a single channel", place=str(path))
     values = source.read_image(0, 0, 0, spec.nchannels, "float")
     if values is None or source.has_error:
-        raise InputError(f"truncated or damaged map ({' '.join(source.geterror().split())})",
+        raise InputError(f"truncated or damaged map ({oiio_error(source)})",
                          remedy="delete it and run the pipeline again", place=str(path))
     values = values.reshape(spec.height, spec.width, spec.nchannels)
     return np.ascontiguousarray(values[..., chosen]) if len(chosen) == 3 else values[..., 0]
@@ -87,7 +88,7 @@ def _opened(path: Path) -> oiio.ImageInput:
         raise InputError("no such map", remedy="run the stage that writes it", place=str(path))
     source = oiio.ImageInput.open(str(path))
     if source is None or source.format_name() != "openexr":
-        reason = " ".join(oiio.geterror().split()) or f"it is {source.format_name()}"
+        reason = oiio_error(oiio) or f"it is {source.format_name()}"
         raise InputError(f"not a readable OpenEXR file ({reason})",
                          remedy="delete it and run the pipeline again", place=str(path))
     return source

@@ -21,7 +21,7 @@ class Photograph:
     radiance: (H, W, 3) float32, linear scene-referred Rec.709, 1 = photo white for integer files;
     straight (not multiplied by alpha). Negative where a colour lies outside Rec.709.
     alpha: (H, W) float32, 1 = opaque, or None.
-    clipped: (H, W) bool, a channel at the top code value; in float files a channel not finite, whose
+    clipped: (H, W) bool, a channel at the top code value; in float files a channel not finite or beyond 1e9, whose
     pixel then has radiance 0.
     codes: (H, W, n) the file's own values, colour (1 or 3 channels) and then alpha, if any.
     """

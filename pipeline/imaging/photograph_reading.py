@@ -12,10 +12,15 @@ import OpenImageIO as oiio
 from pipeline.errors import InputError
 from pipeline.imaging.colour import (
     Encoding, LinearEncoding, SrgbEncoding, chromaticities_encoding, named_encoding, profile_encoding)
+from pipeline.imaging.oiio_error import oiio_error
 from pipeline.imaging.photograph_file import SUFFIXES, Photograph
 
 #: Photographs with more pixels are refused from their header, before any pixel is decoded.
 MAX_PIXELS = 100_000_000
+#: A float that says more than this is no light but damage: the sun's disc is some 1e5 times photo white.
+BRIGHTEST = 1e9
+#: Of layered EXR files, whose channels are all decoded to find R, G, B among them.
+MAX_CHANNELS = 64
 _SAMPLE_TYPES = {oiio.UINT8: "uint8", oiio.UINT16: "uint16", oiio.HALF: "half", oiio.FLOAT: "float",
                  oiio.DOUBLE: "float"}
 #: Diagonal of the 36 x 24 mm frame that 35 mm equivalents refer to [mm] (CIPA DCG-001).
@@ -48,7 +53,7 @@ def _opened(path: Path) -> oiio.ImageInput:
     config.attribute("oiio:UnassociatedAlpha", 1)  # otherwise colour codes come back multiplied by alpha
     source = oiio.ImageInput.open(str(path), config)
     if source is None:
-        raise InputError(f"not a readable image ({_first_line(oiio.geterror())})",
+        raise InputError(f"not a readable image ({oiio_error(oiio)})",
                          remedy="give a JPEG, PNG, TIFF, EXR or HDR file")
     return source
 
@@ -61,7 +66,9 @@ def _read(source: oiio.ImageInput, path: Path, colour_space: str, max_pixels: in
     if pixels > max_pixels:
         raise InputError(f"{spec.width} x {spec.height} = {pixels / 1e6:.1f} megapixels exceed the limit of "
                          f"{max_pixels / 1e6:g}",
-                         remedy="raise the photograph's max_megapixels or make it smaller")
+                         remedy="raise photograph.max_megapixels or make it smaller")
+    if spec.nchannels > MAX_CHANNELS:
+        raise InputError(f"{spec.nchannels} channels", remedy=f"save it with {MAX_CHANNELS} at most, which is fixed")
     if "CMYK" in (spec.get_string_attribute("jpeg:ColorSpace"), spec.get_string_attribute("tiff:ColorSpace")):
         raise InputError("a CMYK photograph", remedy="convert it to RGB: ink is no measure of scene light")
     is_ultra_hdr = format == "jpeg" and spec.format.basetype == oiio.HALF
@@ -97,9 +104,13 @@ def _read(source: oiio.ImageInput, path: Path, colour_space: str, max_pixels: in
     finite = np.isfinite(codes).all(-1)
     valid = np.where(finite[..., None], colours, np.float32(0))
     alpha = np.clip(np.where(finite, codes[..., -1], np.float32(1)), 0, 1) if has_alpha else None
-    result = Photograph(radiance=encoding.decode(valid), alpha=alpha, clipped=~finite, **photograph)
-    if result.has_associated_alpha:
-        np.divide(result.radiance, alpha[..., None], out=result.radiance, where=alpha[..., None] > 0)
+    # a number may leave the range of floats on its way to light, by a transfer function or a tiny alpha
+    with np.errstate(over="ignore", invalid="ignore"):
+        result = Photograph(radiance=encoding.decode(valid), alpha=alpha, clipped=~finite, **photograph)
+        if result.has_associated_alpha:
+            np.divide(result.radiance, alpha[..., None], out=result.radiance, where=alpha[..., None] > 0)
+    beyond = ~(np.abs(result.radiance) <= BRIGHTEST).all(-1)
+    result.radiance[beyond], result.clipped[beyond] = 0, True
     return result
 
 
@@ -134,7 +145,7 @@ def _refuse_partial(source: oiio.ImageInput, codes: np.ndarray | None) -> None:
     """A cut-off JPEG comes back half grey, with only the reader's error flag set."""
     if not source.has_error and codes is not None:
         return
-    message = _first_line(source.geterror())
+    message = oiio_error(source)
     if codes is not None and "extraneous bytes" in message:  # harmless padding that some cameras write
         return
     raise InputError(f"truncated or damaged ({message})", remedy="copy the photograph again")
@@ -209,7 +220,3 @@ def read_exif_focal_length(path: str | os.PathLike) -> float | None:
     width = spec.get_int_attribute("Exif:PixelXDimension", 0) or spec.width
     height = spec.get_int_attribute("Exif:PixelYDimension", 0) or spec.height
     return focal_length * _FULL_FRAME_DIAGONAL / (np.hypot(width, height) * unit / resolution)
-
-
-def _first_line(message: str) -> str:
-    return message.strip().splitlines()[0] if message.strip() else ""

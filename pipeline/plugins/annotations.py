@@ -58,7 +58,7 @@ class Position(Model):
     """A point: `pixel` at a `depth` along its ray, `on` a plane or `above` a spot of one, or `point` in metres."""
 
     pixel: Pixel | None = parameter(None, "pixel")
-    depth: Annotated[float, Field(gt=0, le=1e7)] | None = parameter(None, "m", description="along the ray")
+    depth: Annotated[float, Field(ge=1e-6, le=1e7)] | None = parameter(None, "m", description="along the ray")
     on: str | None = parameter(None, description="plane it lies on, as SHAPE.FACE")
     above: Pixel | None = parameter(
         None, "pixel", description="the spot right below it on the level plane `on`, the ground when left out")

@@ -52,11 +52,16 @@ def _unit_length(v: list[float]) -> list[float]:
     return [float(x) / norm for x in v]
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+#: A number whose square, and the difference of two of them, are still numbers in any unit that people use.
+Finite = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
+#: A length [m] by which may be divided.
+Length = Annotated[float, Field(ge=1e-6, le=1e7)]
 Colour = Annotated[list[Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]],
                    Field(min_length=3, max_length=3)]
 Reflectance = Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=3, max_length=3)]
-Vector = Annotated[list[Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]],
+#: Coordinates [m] reach so far.
+FARTHEST = 1e7
+Vector = Annotated[list[Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]],
                    Field(min_length=3, max_length=3)]
 Direction = Annotated[Vector, AfterValidator(_unit_length)]
 Pixel = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]],

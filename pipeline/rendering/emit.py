@@ -12,13 +12,13 @@ from typing import Any
 
 import jinja2
 import numpy as np
-from jinja2.sandbox import SandboxedEnvironment
 
 from pipeline import paths
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.plugins.base import Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
+from pipeline.rendering.sandbox import FIXED, BoundedEnvironment, in_time, joined
 from pipeline.scene.placed import PlacedScene
 
 MAX_TEMPLATE_BYTES = 1_000_000
@@ -50,10 +50,11 @@ class Templates:
     """Looks templates up: the scene's folder, the project's, then those beside plugins from outside."""
 
     def __init__(self, scene_folder: Path | None = None):
+        self.scene_folder = scene_folder
         own = [scene_folder / "templates", scene_folder] if scene_folder else []
         self.folders = [*own, paths.TEMPLATES, paths.INCLUDES]
         self.plugin_folders: dict[str, Path] = {}
-        self.environment = SandboxedEnvironment(
+        self.environment = BoundedEnvironment(
             loader=jinja2.FunctionLoader(self._load), undefined=jinja2.StrictUndefined, autoescape=False,
             block_start_string="<%", block_end_string="%>", variable_start_string="<<",
             variable_end_string=">>",
@@ -64,11 +65,19 @@ class Templates:
     def path_of(self, name: str) -> Path:
         for folder in self.folders:
             if (folder / name).is_file():
+                self._refuse_foreign(folder / name)
                 return folder / name
         kind, _, file = name.partition("/")
         if name in self.plugin_folders and (self.plugin_folders[name] / file).is_file():
             return self.plugin_folders[name] / file
         raise jinja2.TemplateNotFound(name)
+
+    def _refuse_foreign(self, path: Path) -> None:
+        """A link in the scene's folder to a file elsewhere would show that file's text in a `.pov` file."""
+        own = self.scene_folder
+        if own and path.is_relative_to(own) and not path.resolve().is_relative_to(own.resolve()):
+            raise InputError("a template that leads out of the scene's folder", place=str(path),
+                             remedy=f"put the file itself into {own}")
 
     def _load(self, name: str):
         if ".." in Path(name).parts or Path(name).is_absolute():
@@ -76,14 +85,15 @@ class Templates:
         path = self.path_of(name)
         if path.stat().st_size > MAX_TEMPLATE_BYTES:
             raise InputError(f"template of {path.stat().st_size} bytes", place=str(path),
-                             remedy=f"keep it below {MAX_TEMPLATE_BYTES} bytes")
+                             remedy=f"keep it below {MAX_TEMPLATE_BYTES} bytes; {FIXED}")
         # the marker lets an error of POV-Ray be traced back to the template
         return f"// ---- {_shown(path)}\n" + path.read_text(encoding="utf-8"), str(path), lambda: False
 
     def render(self, name: str, context: dict[str, Any]) -> str:
         """The template's text; a mistake in it is one line with file and line."""
         try:
-            return self.environment.get_template(name).render(context)
+            with in_time(name):
+                return joined(self.environment.get_template(name).generate(context), name)
         except jinja2.TemplateSyntaxError as error:
             # the marker is line 1 of what Jinja read
             raise InputError(f"template does not parse ({error.message})",
@@ -218,6 +228,6 @@ def _template_place(error: BaseException) -> str | None:
     while traceback is not None:
         file = traceback.tb_frame.f_code.co_filename
         if file.endswith((".inc", ".pov")):
-            place = f"{file}:{max(traceback.tb_lineno - 1, 1)}"
+            place = f"{file}:{max((traceback.tb_lineno or 1) - 1, 1)}"
         traceback = traceback.tb_next
     return place

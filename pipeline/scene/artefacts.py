@@ -110,7 +110,8 @@ def read_placed(build: Build) -> PlacedScene:
         lights[name] = plugin_from_json("lights", light)
     shapes = {name: plugin_from_json("shapes", shape) for name, shape in data["shapes"].items()}
     exporter = plugin_from_json("exporters", read_json(build.input("exporter")))
-    return PlacedScene(read_camera(build), shapes, lights, exporter, data.get("outdoors", False))
+    return PlacedScene(read_camera(build), shapes, lights, exporter, data.get("outdoors", False),
+                       data.get("sky_depth_m", 1.0))
 
 
 def read_strengths(build: Build) -> dict[str, np.ndarray]:

@@ -27,9 +27,9 @@ class RegionDescription(Model):
         None, description="its colour in the label image, instead of `pixels`")
     foot: Annotated[list[Pixel], Field(min_length=2, max_length=100)] | None = parameter(
         None, "pixel", description="line on which it stands on the ground; upright walls rise from it")
-    depth: float | None = parameter(None, "m", gt=0, le=1e7, description="distance, where it is known or guessed")
-    near: float | None = parameter(None, "m", gt=0, le=1e7, description="of ground: distance at its lowest row")
-    far: float | None = parameter(None, "m", gt=0, le=1e7, description="of ground: distance at its highest row")
+    depth: float | None = parameter(None, "m", ge=1e-6, le=1e7, description="distance, where it is known or guessed")
+    near: float | None = parameter(None, "m", ge=1e-6, le=1e7, description="of ground: distance at its lowest row")
+    far: float | None = parameter(None, "m", ge=1e-6, le=1e7, description="of ground: distance at its highest row")
     porous: bool = parameter(False, description="whether what lies behind shows through it: branches, lattices")
     thickness: float | None = parameter(
         None, "m", ge=0, le=1e5, description="how deep it is behind what is seen, for the shadow that it throws;"
@@ -74,8 +74,8 @@ class DepthMap(Model):
     kind: Literal["planar", "radial", "disparity"] = parameter(
         "planar", description="along the camera's axis, along the ray, or stereo disparity [pixel]")
     metres_per_unit: float | None = parameter(
-        None, "m", gt=0, le=1e6, description="of depth; 0.001 for 16-bit files, 1 for float ones when left out")
-    baseline: float | None = parameter(None, "m", gt=0, le=1e4, description="between the cameras, with disparity")
+        None, "m", ge=1e-6, le=1e6, description="of depth; 0.001 for 16-bit files, 1 for float ones when left out")
+    baseline: float | None = parameter(None, "m", ge=1e-6, le=1e4, description="between the cameras, with disparity")
     focal_length: float | None = parameter(
         None, "pixel", gt=0, le=1e7, description="of the map's own camera at the map's size; the photograph's"
                                                  " when left out")
@@ -107,7 +107,7 @@ class DepthSection(Model):
         None, description="painted picture: #00ff00 is support, #ff0000 vertical, #0000ff sky (each connected patch"
                           " a region of its own), other colours as the regions' `label` says")
     map: DepthMap | None = parameter(None, description="for what no region covers")
-    sky_depth: float = parameter(10000.0, "m", gt=0, le=1e7, description="how far fog reaches before the open sky")
+    sky_depth: float = parameter(10000.0, "m", ge=1e-6, le=1e7, description="how far fog reaches before the open sky")
     refine: Refinement = Refinement()
 
     @model_validator(mode="after")

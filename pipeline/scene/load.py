@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
@@ -19,10 +20,32 @@ from pipeline.scene.model import scene_model
 
 MAX_BYTES = 2_000_000
 MAX_NODES = 200_000
+MAX_DEPTH = 50
 COMMAND_LINE = "command line"
+#: Said of limits that no value of the scene raises.
+FIXED = "this limit is fixed, as scene files may come from strangers"
 #: What plain values are; any other tag would ask the reader to build an object.
 PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "timestamp",
                                                        "seq", "map")}
+
+
+
+class _BoundedComposer(Composer):
+    """Stops at too many or too deep values while the file is read: by its end it may have taken minutes."""
+
+    warn_double_anchors = False  # what an anchor is for, an alias, is refused with its line
+    count = 0
+
+    def compose_node(self, parent, index):
+        self.count += 1
+        line = self.parser.peek_event().start_mark.line + 1
+        if self.count > MAX_NODES:
+            raise InputError(f"more than {MAX_NODES} values in line {line}", remedy=f"split the scene; {FIXED}")
+        if self.depth >= MAX_DEPTH:
+            raise InputError(f"values are nested too deeply in line {line}, more than {MAX_DEPTH} groups or lists",
+                             remedy=f"write them less deeply; {FIXED}")
+        return super().compose_node(parent, index)
+
 
 #: What a scene file should hold instead, by pydantic's name of the mistake; {unit} like " [m]", or empty.
 WANTED = {
@@ -45,6 +68,9 @@ WANTED = {
         "a name of letters, digits, '_' and '-' (a fog's may hold single dots), beginning with a letter, 40 characters"
         " at most",
 }
+
+#: Lists that may be as long as this are bounded for the work that they are; shorter ones have a form, as [x, y, z].
+FEWEST_OF_A_LIMIT = 20
 
 Keys = tuple  # names and list indices from the top of the scene file, such as ("lights", "lamp", "gain")
 
@@ -105,10 +131,12 @@ def checked(text: SceneText, overrides: dict[str, str], fog: str | None) -> Mode
 def read_scene(path: Path) -> SceneText:
     """The file's values and lines; tags, aliases, repeated keys and oversized files are refused."""
     try:
+        if path.exists() and not path.is_file():
+            raise InputError("is no plain file", place=str(path), remedy="give a UTF-8 text file")
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(f"scene file of {size} bytes", place=str(path),
-                             remedy=f"keep it below {MAX_BYTES} bytes, and pictures in files of their own")
+                             remedy=f"keep it below {MAX_BYTES} bytes, and pictures in files of their own; {FIXED}")
         content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError("no such scene file", place=str(path), remedy=scenes_beside(path.parent)) from None
@@ -116,6 +144,7 @@ def read_scene(path: Path) -> SceneText:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy="give a readable UTF-8 text file") from None
     yaml = YAML(typ="safe", pure=True)
+    yaml.Composer = _BoundedComposer
     try:
         root = yaml.compose(content)
         if root is None:
@@ -137,9 +166,8 @@ def read_scene(path: Path) -> SceneText:
     except (YAMLError, ValueError) as error:
         raise InputError(f"not valid YAML ({str(error).splitlines()[0]})", place=str(path),
                          remedy="save it as plain text without control characters") from None
-    except RecursionError:
-        raise InputError("values are nested too deeply", place=str(path),
-                         remedy="write them less deeply") from None
+    except InputError as error:
+        raise error.at(str(path)) from None
 
 
 def scenes_beside(folder: Path) -> str:
@@ -156,8 +184,6 @@ def _values(node: Node, where: Keys, path: Path, lines: dict[Keys, int], seen: s
     if id(node) in seen:
         raise InputError("YAML alias", place=f"{path}:{lines[where]}", remedy="write the values out")
     seen.add(id(node))
-    if len(seen) > MAX_NODES:
-        raise InputError(f"more than {MAX_NODES} values", place=here, remedy="split the scene")
     if node.tag not in PLAIN_TAGS:
         raise InputError(f"YAML tag {node.tag.replace('tag:yaml.org,2002:', '!!')}", place=here,
                          remedy="remove it; scene files hold plain values only")
@@ -252,11 +278,18 @@ def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> I
         said, remedy = f"{dotted}: {problem}", remedy or "mend this entry"
     else:
         unit = _unit(model, text.values, where)
-        wanted = [WANTED.get(p["type"], "").format(**p.get("ctx", {}),
-                                                   unit=unit) or p["msg"] for p in problems]
+        # of groups pydantic does not tell how many they are
+        wanted = [WANTED.get(p["type"], "").format(**(p.get("ctx", {}) | _length(p)), unit=unit) or p["msg"]
+                  for p in problems]
         value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
         said, remedy = f"{dotted} = {_short(value)}", f"give {' or '.join(dict.fromkeys(wanted))}"
+        if context.get("max_length", 0) >= FEWEST_OF_A_LIMIT:
+            remedy += f"; {FIXED}"
     return InputError(said + more, place=text.place(where), remedy=remedy)
+
+
+def _length(problem: dict) -> dict[str, int]:
+    return {"actual_length": len(problem["input"])} if isinstance(problem["input"], (dict, list)) else {}
 
 
 def _where(problem: dict, values: Any) -> Keys:

@@ -8,6 +8,8 @@ from pipeline.plugins.base import Finite, FogName, Model, Name, Pixel, Vector, m
 from pipeline.plugins.choices import choice
 from pipeline.scene.depth_section import DepthSection
 
+#: Of all lights together; each costs a term at every point of the fog.
+MOST_SMALL_LIGHTS = 20_000
 Axis = Literal["x", "y", "z"]
 FileName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Segment = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
@@ -32,7 +34,7 @@ class KnownLength(Model):
 
     pixels: Segment = parameter(unit="pixel", description="its two ends")
     on: Literal["floor"] = parameter("floor", description="plane on which both ends lie")
-    length: float = parameter(unit="m", gt=0, le=1e6)
+    length: float = parameter(unit="m", ge=1e-6, le=1e6)
 
 
 class CameraDescription(Model):
@@ -52,7 +54,7 @@ class CameraDescription(Model):
         None, "pixel", description="the centre when left out")
     horizon: Segment | None = parameter(
         None, "pixel", description="a line along the horizon, instead of `pitch` and `roll`")
-    height: float | None = parameter(None, "m", gt=0, le=1e6, description="of the camera above the floor")
+    height: float | None = parameter(None, "m", ge=1e-6, le=1e6, description="of the camera above the floor")
     known_length: KnownLength | None = None
     position: Vector | None = parameter(None, "m", description="with `look_at`: the camera in the world")
     look_at: Vector | None = parameter(None, "m")
@@ -103,6 +105,9 @@ class RenderSettings(Model):
                     " them grey")
     threads: int | None = parameter(None, "1", ge=1, le=512,
                                     description="POV-Ray's work threads; all cores when left out")
+    max_light_samples: float = parameter(
+        1e11, "1", ge=1, le=1e15, description="scenes that need more are refused before they are rendered: pixels, times"
+                                              " samples, times the small lights that stand for each light")
     timeout: float = parameter(1800.0, "s", gt=0, le=86400,
                                description="a single POV-Ray run that takes longer is stopped")
 
@@ -170,6 +175,12 @@ def scene_model() -> type[Model]:
                 if at:
                     raise mistake(f"photograph.size = {self.photograph.size} would move what is annotated in pixels",
                                   "leave 'photograph.size' out, or state it in metres", at)
+            small = sum(l.sub_lights**2 if hasattr(l, "sub_lights") else len(getattr(l, "positions", [0]))
+                        for l in self.lights.values())
+            if small > MOST_SMALL_LIGHTS:
+                raise mistake(f"{small} small lights (lamps' positions, squares of sub_lights), more than {MOST_SMALL_LIGHTS}",
+                              "lower sub_lights or leave lamps out; this limit is fixed, as scene files may come from"
+                              " strangers", ("lights",))
             if sum(l.type == "sun" for l in self.lights.values()) > 1:
                 raise mistake("more than one light of type sun", "put the openings of all windows into one",
                               ("lights",))

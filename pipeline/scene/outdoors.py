@@ -19,7 +19,7 @@ from pipeline.imaging.depth_file import read_depth, read_labels
 from pipeline.imaging.edges import refined
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build, inside
-from pipeline.plugins.base import Shape, registry
+from pipeline.plugins.base import FARTHEST, Shape, registry
 from pipeline.scene.artefacts import Edges, scene_place
 from pipeline.scene.depth_section import DepthSection, RegionDescription
 
@@ -48,6 +48,10 @@ class Outdoors:
     def joined(self, shapes: dict[str, Shape], depth: np.ndarray, face: np.ndarray, emitter: np.ndarray
                ) -> tuple[dict[str, Shape], np.ndarray, np.ndarray, np.ndarray]:
         """Stand-ins as placed shapes; depth, face and emitter maps of the regions and, nearer, of the scene's own."""
+        for name, solid in self.solids.items():
+            if not np.abs(solid.vertices).max() <= FARTHEST:
+                raise InputError(f"what stands in for region {name} reaches beyond {FARTHEST:g} m",
+                                 remedy="give nearer depths, or a camera nearer to the origin")
         standing_in = {f"region_{name}": registry("shapes")["mesh"](
             type="mesh", vertices=solid.vertices.tolist(), triangles=solid.triangles.tolist())
             for name, solid in self.solids.items()}

@@ -22,6 +22,8 @@ class PlacedScene:
     lights: dict[str, Light]
     exporter: Exporter
     outdoors: bool = False
+    #: Distance [m] of the open sky, which is all there is where nothing stands in for the depth.
+    sky_depth: float = 1.0
 
     def rendered(self, light: str) -> bool:
         """Whether POV-Ray renders the light's T and V, rather than closed forms."""
@@ -42,5 +44,7 @@ class PlacedScene:
 
     def extent(self) -> float:
         """Radius [m] round the camera that holds everything."""
+        if not self.shapes:
+            return self.sky_depth
         points = np.concatenate([corners for _, corners in self.faces()])
         return float(np.linalg.norm(points - self.camera.position, axis=1).max())

@@ -8,6 +8,7 @@ about that depth, for shadows and for light that bounces.
 from __future__ import annotations
 
 import numpy as np
+from pydantic import ValidationError
 
 from pipeline.errors import InputError
 from pipeline.geometry.planes import Plane
@@ -15,7 +16,7 @@ from pipeline.geometry.visibility import visible
 from pipeline.imaging.glare import glare
 from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
-from pipeline.plugins.base import World
+from pipeline.plugins.base import FARTHEST, World
 from pipeline.scene.artefacts import (
     plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
 from pipeline.scene.outdoors import Outdoors, outdoors
@@ -79,4 +80,8 @@ def _placed(build: Build, part: str, world: World) -> dict:
             placed[name] = plugin_from_json(part, data).placed(name, world)
         except InputError as error:
             raise error.at(scene_place(build, part, name)) from None
+        except ValidationError:  # what is placed is bounded as what is stated
+            raise InputError(f"{name} comes out farther away or larger than {FARTHEST:g} m",
+                             place=scene_place(build, part, name),
+                             remedy="move its pixels away from the horizon of its plane, or check the camera") from None
     return placed

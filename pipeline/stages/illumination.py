@@ -18,6 +18,7 @@ from pipeline.rendering.daylight import daylight
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
+from pipeline.rendering.work import refuse_too_much
 from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
 
@@ -32,8 +33,13 @@ def run(build: Build) -> None:
         return _without_fog(build)
     templates = Templates(build.source)
     runs = {}
-    for light in filter(scene.rendered, scene.lights):
-        planned = irradiance_run(scene, light)
+    wanted = [irradiance_run(scene, light) for light in filter(scene.rendered, scene.lights)]
+    try:
+        # a stage of the photograph reads the fog's settings for this limit alone; nothing is made from it
+        refuse_too_much(scene, wanted, read_json(build.input("render"))["max_light_samples"])
+    except InputError as error:
+        raise error.at(scene_place(build, "render")) from None
+    for planned in wanted:
         render(build, planned, emit(planned, scene, templates))
         runs[planned.id] = as_json(planned)
     build.basis.mkdir(parents=True, exist_ok=True)
@@ -121,7 +127,7 @@ def _bulbs(scene: PlacedScene) -> np.ndarray:
         positions, radius = light.bulbs()
         for pixel, depth in zip(*camera.project(positions)):
             if depth > 0 and np.abs(pixel).max() < 1e5:
-                reach = 2 * camera.focal_length * radius / depth + BULB_BORDER
+                reach = 2 * camera.focal_length * radius / max(depth, 1e-6) + BULB_BORDER
                 cv2.circle(mask, np.round(pixel - 0.5).astype(int).tolist(), int(np.ceil(min(reach, 1e4))), 1, -1)
     return mask > 0
 

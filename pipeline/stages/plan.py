@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pipeline.errors import InputError
 from pipeline.paths import Build
 from pipeline.physics.bulbs import UNSEEN
 from pipeline.plugins.base import Medium
 from pipeline.rendering.emit import Run
 from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, as_json, dense_samples, fog_runs, hidden,
                                      shaded_lights, uneven_samples)
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.rendering.work import refuse_too_much
+from pipeline.scene.artefacts import read_fog, read_json, read_placed, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
 
 
@@ -27,6 +29,10 @@ def run(build: Build) -> None:
         shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
         runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
                         settings["transmittance"] == "midpoint", settings["transmittance_step"])
+        try:
+            refuse_too_much(scene, runs, settings["max_light_samples"])
+        except InputError as error:
+            raise error.at(scene_place(build, "render")) from None
         reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in bright]
         reasons += [f"{name}: left out, behind {UNSEEN:g} optical depths of fog" for name in bright if name not in lights]
         reasons += reasons_for(scene, medium, lights, runs, settings["samples"])

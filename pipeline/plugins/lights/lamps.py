@@ -28,7 +28,7 @@ class Lamps(Light):
         None, "1", description="of each against `intensity`; all 1 when left out")
     intensity: Colour | None = parameter(None, "photo unit * m^2",
                                          description="of a lamp of weight 1; estimated when left out")
-    radius: float = parameter(0.1, "m", gt=0, le=1e5, description="of each; bounds the light close to it")
+    radius: float = parameter(0.1, "m", ge=1e-6, le=1e5, description="of each; bounds the light close to it")
     shadowed: int = parameter(
         8, "1", ge=0, le=64, description="so many of them, the strongest, throw shadows into the fog")
 

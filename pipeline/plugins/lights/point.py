@@ -20,7 +20,7 @@ class Point(Light):
     position: Position = parameter(description="where the bulb is")
     intensity: Colour | None = parameter(None, "photo unit * m^2",
                                          description="known intensity; estimated when left out")
-    radius: float = parameter(0.02, "m", gt=0, le=1e5,
+    radius: float = parameter(0.02, "m", ge=1e-6, le=1e5,
                               description="of the bulb; bounds the light close to it")
     shadows: bool = parameter(True, description="outdoors: whether things throw shadows into its glow")
 

@@ -29,7 +29,7 @@ class Spot(Light):
     outer_angle: float = parameter(30.0, "degree", gt=0, le=89.5, description="half angle where it ends")
     intensity: Colour | None = parameter(None, "photo unit * m^2",
                                          description="on the axis; estimated when left out")
-    radius: float = parameter(0.02, "m", gt=0, le=1e5,
+    radius: float = parameter(0.02, "m", ge=1e-6, le=1e5,
                               description="of the bulb; bounds the light close to it")
     shadows: bool = parameter(True, description="outdoors: whether things throw shadows into its glow")
 

@@ -18,7 +18,7 @@ MOST_VALUES = 2**25
 #: A df3 file counts them in 16 bits; one more on either side holds the density outside.
 MOST_ALONG_AXIS = 65533
 AXES = {"xyz": (0, 1, 2), "zyx": (2, 1, 0), "xzy": (0, 2, 1)}
-Size = Annotated[list[Annotated[float, Field(gt=0, le=1e7)]], Field(min_length=3, max_length=3)]
+Size = Annotated[list[Annotated[float, Field(ge=1e-6, le=1e7)]], Field(min_length=3, max_length=3)]
 
 
 class Grid(GriddedMedium):
@@ -92,15 +92,17 @@ class Grid(GriddedMedium):
                 values = read_vdb(data, MOST_VALUES)
             else:
                 values = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-        except (ValueError, EOFError, MemoryError, OverflowError) as error:
-            raise InputError(f"cannot be read ({str(error).splitlines()[0]})", place=self.file,
+        except Exception as error:  # readers of other people's formats fail in any way, for example with TokenError
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
+            raise InputError(f"cannot be read ({reason})", place=self.file,
                              remedy="save it with numpy.save, or give a df3 file") from None
         if values.ndim != 3 or values.dtype.kind not in "fiub" or not values.size:
             raise InputError(f"holds {'x'.join(map(str, values.shape))} values of type {values.dtype}",
                              place=self.file, remedy="give three axes of real numbers")
         if values.size > MOST_VALUES or max(values.shape) > MOST_ALONG_AXIS:
             raise InputError(f"holds {'x'.join(map(str, values.shape))} values", place=self.file,
-                             remedy=f"keep them below {MOST_VALUES}, for example by averaging eight into one")
+                             remedy=f"keep them below {MOST_VALUES}, for example by averaging eight into one;"
+                                    " POV-Ray's own format sets this limit")
         values = values.astype(np.float32)
         if not np.isfinite(values).all() or values.min() < 0:
             raise InputError("holds densities that are negative or not finite", place=self.file,

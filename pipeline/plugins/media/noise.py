@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import model_validator
-from pydantic.types import PositiveFloat
+from pydantic import Field, model_validator
 
 from pipeline.physics import noise_field
 from pipeline.physics.density_grid import DensityGrid
@@ -46,7 +45,7 @@ class Noise(GriddedMedium):
     wind: Vector = parameter([0.0, 0.0, 0.0], "m/s", description="moves the banks as `time` goes on")
     time: Finite = parameter(0.0, "s", description="of this picture in a sequence")
     base: Finite = parameter(0.0, "m", description="height of the ground, where the fog lies on one")
-    scale_height: PositiveFloat | None = parameter(
+    scale_height: Annotated[float, Field(ge=1e-3, le=1e7)] | None = parameter(
         None, "m", description="height over which it falls to 1/e, above `base`; even where left out")
     top_height: Finite | None = parameter(
         None, "m",

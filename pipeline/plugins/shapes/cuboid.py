@@ -6,11 +6,10 @@ from typing import Literal
 
 import numpy as np
 from pydantic import model_validator
-from pydantic.types import PositiveFloat
 
 from pipeline.errors import InputError
 from pipeline.geometry.boxes import AxisBox, fit_cuboid
-from pipeline.plugins.base import Finite, Pixel, Shape, Vector, mistake, parameter
+from pipeline.plugins.base import Finite, Length, Pixel, Shape, Vector, mistake, parameter
 
 AXIS_NAMES = "xyz"
 
@@ -25,7 +24,7 @@ class Cuboid(Shape):
     stands_on: str | None = parameter(
         None, description="plane it touches: a floor, a wall, a ceiling, another box's top")
     corners: dict[str, Pixel] = parameter({}, "pixel", description="visible corners by name", max_length=8)
-    known: dict[Literal["width", "height", "depth"], PositiveFloat] = parameter(
+    known: dict[Literal["width", "height", "depth"], Length] = parameter(
         {}, "m", description="sizes that the corners leave open")
     yaw: Finite | Literal["fit"] = parameter(0.0, "degree", description="turn about the vertical, or `fit`")
     centre: Vector | None = parameter(None, "m",

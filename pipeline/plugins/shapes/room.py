@@ -27,7 +27,7 @@ class Room(Shape):
         description="two points along an edge by name, such as floor_back, ceiling_left, back_left",
         max_length=12)
     known: dict[WALLS, Finite] = parameter({}, "m", description="coordinates of walls that nothing shows")
-    behind: float = parameter(1.0, "m", gt=0, le=1e6,
+    behind: float = parameter(1.0, "m", ge=1e-6, le=1e6,
                               description="distance of an unseen front wall behind the camera")
     lower: Vector | None = parameter(None, "m",
                                      description="with `upper`, the room itself instead of annotations")
