@@ -53,7 +53,8 @@ def run(build: Build) -> None:
         return cv2.resize(np.asarray(image, np.float32), (width, height), interpolation=cv2.INTER_AREA).astype(float)
 
     def render(what, light, seed):
-        exporter = exporter_class(samples=_whole("FOG_CROSSCHECK_SAMPLES", SAMPLES[what]) if what == "in_scattering" else SAMPLES[what])
+        count = _whole("FOG_CROSSCHECK_SAMPLES", SAMPLES[what]) if what == "in_scattering" else SAMPLES[what]
+        exporter = exporter_class(samples=count)
         name = f"{what}_{light}"
         for file, content in exporter.export(name, describe(what, scene, medium, strengths, [light], {}, exporter)).items():
             with replacing(folder / file) as partial:
