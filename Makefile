@@ -29,6 +29,7 @@ fog ?=
 fogs ?=
 cases ?= 2000
 seed ?= 1
+to ?=
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -36,7 +37,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed
+unexport scene fog fogs cases seed to
 define newline
 
 
@@ -69,6 +70,7 @@ define check_names
 endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
+$(eval $(call check_name,to))
 $(eval $(call check_names,fogs))
 define check_number
   $(call strip_plain,$(1))
@@ -84,7 +86,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed to SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -93,13 +95,14 @@ export FOG_OVERRIDES := $(foreach v,$(dotted),$v=$(value $v)$(newline))
 export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
 export FOG_LADDER := $(value fogs)
+export FOG_TO := $(value to)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure ladder photograph,$(goals))$(fog)$(fogs)$(dotted),)
+  ifneq ($(filter all resolve closure export crosscheck ladder photograph,$(goals))$(fog)$(fogs)$(dotted),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -161,7 +164,7 @@ clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
 
-.PHONY: all resolve closure ladder FORCE
+.PHONY: all resolve closure export crosscheck ladder FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -212,6 +215,12 @@ $(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.
 closure: $(O)/report.html
 	$(run) closure
 
+export: $(O)/report.html
+	$(run) export
+
+crosscheck: $(O)/report.html
+	$(run) crosscheck
+
 # one fog after the other, each by a make of its own
 ladder: $(READY) | povray
 	$(run) resolve
@@ -257,6 +266,8 @@ help:
 	@echo "targets"
 	@echo "  make scene=NAME          fog in scenes/NAME, into build/NAME/ (report.html shows all of it)"
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
+	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer, into build/NAME/export/mitsuba/"
+	@echo "  make crosscheck scene=NAME   T and V of each light against Mitsuba 3's (where it is installed)"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"

@@ -74,6 +74,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m pipeline", description="Physically based fog for one photograph.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
+                       ("export", "the scene in another program's language"),
+                       ("crosscheck", "T and V against Mitsuba's"),
                        ("ladder", "the scene's named fogs side by side"), ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
@@ -84,6 +86,8 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
                              help="overrides a value of the scene, for example fog.visibility=3")
         command.set_defaults(run={"run": _run_all, "ladder": _ladder}.get(name, _run_stage))
+        if name == "export":
+            command.add_argument("--to", default=os.environ.get("FOG_TO", ""), help="an exporter, such as mitsuba")
         if name == "ladder":
             command.add_argument("--fogs", default=os.environ.get("FOG_LADDER", ""), help="names, with spaces between")
             command.add_argument("--names", action="store_true", help="only says which fogs it would show")
@@ -149,7 +153,7 @@ def _stage(build: Build, name: str, options) -> None:
         module.run(build, _overrides(options))
     else:
         with at_work(build):
-            module.run(build)
+            module.run(build, *([options.to] if name == "export" else []))
         from pipeline.scene.artefacts import write_json
 
         write_json(build.seconds / f"{name}.json", round(time.monotonic() - start, 3))

@@ -17,7 +17,7 @@ TEMPLATES = PROJECT / "templates"
 INCLUDES = PROJECT / "povray_includes"
 SCHEMA = "scene.schema.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -159,6 +159,15 @@ class Build:
 
     def foggy(self, suffix: str) -> Path:
         return self.out / f"foggy{suffix}"
+
+    def export(self, language: str) -> Path:
+        """The scene in another program's language."""
+        return self.out / "export" / language
+
+    @property
+    def crosscheck(self) -> Path:
+        """T and V against another renderer's; the picture beside it is of the same name."""
+        return self.out / "crosscheck.json"
 
     @property
     def manifest(self) -> Path:

@@ -372,6 +372,12 @@ class Exporter(Plugin):
     """Writes the placed scene in another program's language."""
 
     kind: ClassVar[str] = "exporters"
+    #: Light types that its language can state. One that renders the chain itself states them by templates.
+    states: ClassVar[frozenset[str]] = frozenset()
+
+    def export(self, name: str, description) -> dict[str, str | bytes]:
+        """Files by name of one pipeline.plugins.description.Description, the scene called `name` and its side files."""
+        raise NotImplementedError(type(self).__name__)
 
     def scale(self, extent: float) -> float:
         """Units of the other program a metre [1/m], for a scene of this radius [m] round the camera."""
