@@ -30,23 +30,38 @@ def test_places_of_a_lamp(tmp_path, place):
     assert (found.transmittance <= eye * (1 + HALF_FLOATS)).all()
 
 
-def sun(direction) -> dict:
-    window = [[-2, 1, -3.5], [-2, 2, -3.5], [-2, 2, -2.5], [-2, 1, -2.5]]
-    return {"type": "sun", "direction": direction, "irradiance": [3, 3, 3],
-            "openings": {"window": {"window": {"points": window}}}}
+WINDOW = np.array([[-2, 1, -3.5], [-2, 2, -3.5], [-2, 2, -2.5], [-2, 1, -2.5]])
 
 
-@pytest.mark.parametrize("direction,name", [
-    ([1, -1e-4, 0], "at the horizon"), ([1, 0, 0], "parallel to the floor"), ([0.8, -0.6, 0], "in the image plane")])
-def test_places_of_the_sun(tmp_path, direction, name):
-    """The shaft lies between the window's heights: in the closed form of its widest crossing V is bounded."""
-    found = run(tmp_path, described({"sun": sun(direction), "bulb": BULB}, even(0, 0.3)))
-    assert found.in_scattering.max() > 0, name
+def sun(direction: list[float] | None, patch: np.ndarray) -> dict:
+    return {"type": "sun", "irradiance": [3, 3, 3], **({"direction": direction} if direction else {}),
+            "openings": {"window": {"window": {"points": WINDOW.tolist()}, "patches": [{"points": patch.tolist()}]}}}
 
 
-def test_sun_behind_the_wall(tmp_path, capsys):
-    """Light that would leave through its window is refused, in one line."""
-    assert "window" in refusal(tmp_path, described({"sun": sun([-1, -0.2, 0]), "bulb": BULB}), capsys)
+@pytest.mark.parametrize("direction,travelled", [
+    ([1, -1e-4, 0], 4.0), ([1, 0, 0], 4.0), ([0.8, -0.6, 0], WINDOW[:, 1:2] / 0.6)],
+    ids=["at the horizon", "parallel to the floor", "in the image plane"])
+def test_places_of_the_sun(tmp_path, direction, travelled):
+    """V is what a ray lit all along would show at most, E p delta/kappa (1 - T_eye), and 0 outside the shaft."""
+    patch = WINDOW + travelled * np.array(direction)
+    found = run(tmp_path, described({"sun": sun(direction, patch)}, even(0, 0.3)))
+    bound = 3 / (4 * np.pi) * -np.expm1(-0.3 * found.depth)[..., None]
+    assert 0 < found.in_scattering.max() and (found.in_scattering <= bound * (1 + HALF_FLOATS)).all()
+    # the shaft ends at z = -3.5 and -2.5; the top row of pixels looks over it to the ceiling before z = -2.5
+    assert not found.in_scattering[0].any()
+
+
+@pytest.mark.parametrize("direction", [[-1, -0.2, 0], [0, -1, 0], [0, 0, -1]])
+def test_sun_behind_the_wall(tmp_path, capsys, direction):
+    """Light that leaves by its window, or passes along it, is refused in one line."""
+    lights = {"sun": sun(direction, WINDOW + [4.0, 0, 0])}
+    assert "does not enter through window 'window'" in refusal(tmp_path, described(lights), capsys)
+
+
+def test_patches_that_no_sun_explains(tmp_path, capsys):
+    """A patch on the wall behind its window."""
+    lights = {"sun": sun(None, WINDOW + [-1.0, 3.0, 0])}
+    assert "no sun direction explains" in refusal(tmp_path, described(lights), capsys)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e-2, 100.0, 1e3])
