@@ -40,6 +40,15 @@ def test_reversed_outline(tmp_path):
         assert np.allclose(getattr(one, name), getattr(other, name), rtol=2e-3), name
 
 
+def test_lamp_off_the_image(tmp_path):
+    """A lamp whose outline lies behind the camera lights the room all the same, and none of it is in the picture."""
+    behind = [[x, y, z + 3.4] for x, y, z in SQUARE]
+    found = run(tmp_path, described({"lamp": lamp(behind)["lamp"]}))
+    assert found.in_scattering.min() > 0
+    # fog is 0.5/m and the way to the eye is part of the way of the light
+    assert (found.transmittance < np.exp(-0.5 * found.depth)[..., None]).all()
+
+
 def open_air(folder, depth: np.ndarray, extinction: float, asymmetry: float = 0.0):
     """A scene of this depth map under a sky and over a ground of one radiance."""
     height, width = depth.shape

@@ -16,7 +16,10 @@ def shot(folder, file: str, values: np.ndarray, **attributes):
     height, width, channels = values.shape
     spec = oiio.ImageSpec(width, height, channels, values.dtype.name if values.dtype != np.float32 else "float")
     for name, value in attributes.items():
-        spec.attribute(name, value)
+        if isinstance(value, bytes):
+            spec.attribute(name, oiio.TypeDesc(f"uint8[{len(value)}]"), np.frombuffer(value, np.uint8))
+        else:
+            spec.attribute(name, value)
     output = oiio.ImageOutput.create(str(scene.folder / file))
     assert output.open(str(scene.folder / file), spec)
     assert output.write_image(np.ascontiguousarray(values)) and output.close()
@@ -64,3 +67,21 @@ def test_cmyk(tmp_path, capsys):
     assert scene.run() != 0
     said = capsys.readouterr().err
     assert "CMYK" in said and "Traceback" not in said
+
+
+def test_wide_gamut(tmp_path):
+    """A grey is the same grey in any colour space: AdobeRGB's curve, 2.19921875, gives (128/255)^2.2 of it."""
+    profile = imagecodecs.cms_profile("adobergb")
+    scene = shot(tmp_path, "a.png", np.full((18, 24, 3), 128, np.uint8), ICCProfile=profile)
+    assert scene.run() == 0
+    found = maps(scene)
+    clear = (found.foggy - found.in_scattering) / found.transmittance
+    # profiles hold 16-bit fixed-point numbers
+    assert np.allclose(clear, (128 / 255) ** 2.19921875, rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_fifty_megapixels(tmp_path):
+    """Maps of the photograph's own size."""
+    scene = described(render={"samples": 2, "in_scattering_size": 64})
+    assert run(tmp_path, scene, (8660, 5774)).transmittance.shape == (5774, 8660, 3)
