@@ -20,7 +20,7 @@ from tests.extremes.scenes import described, run
 #: Renders are in half floats, 2^-11 each.
 HALF_FLOATS = 2e-3
 SMALL = (16, 12)
-FEW = settings(max_examples=4, derandomize=True, deadline=None)
+FEW = settings(max_examples=3, derandomize=True, deadline=None)
 MANY = settings(max_examples=200, derandomize=True, deadline=None)
 places = st.tuples(st.floats(-1.8, 1.8), st.floats(0.2, 2.3), st.floats(-4.8, -0.5))
 colours = st.tuples(*[st.floats(0.05, 5)] * 3)

@@ -50,3 +50,11 @@ def test_small_angles(angle):
     direct = np.arccos(np.clip(one @ other, -1, 1))
     assert abs(angles_between(one, other) / angle - 1) <= ROUNDINGS
     assert abs(direct / angle - 1) >= 1e-8
+
+
+@pytest.mark.parametrize("offset", [1e-9, 1e-7, 1e-5])
+def test_polar_angle_below_a_lamp(offset):
+    """Seen from a lamp, a point a little off its axis: arctan2(hypot(x, z), y) keeps the angle, arccos(y/r) loses it."""
+    exact = Decimal(offset) - Decimal(offset) ** 3 / 3 + Decimal(offset) ** 5 / 5
+    assert relative(np.arctan2(np.hypot(offset, 0.0), 1.0), exact) <= ROUNDINGS
+    assert relative(np.arccos(np.clip(1 / np.sqrt(1 + offset * offset), -1, 1)), exact) >= 1e-8
