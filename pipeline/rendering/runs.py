@@ -57,7 +57,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     width, height = scene.camera.width, scene.camera.height
     small = glow_size(width, height, in_scattering_size)
     points, directions = _grid(scene)
-    eye = np.exp(-medium.optical_depth(scene.camera.position, points).mean(-1))
+    depths = medium.optical_depth(scene.camera.position, points)
+    eye, clearest = np.exp(-depths.mean(-1)), np.exp(-depths.min(-1))
     extinction = np.add(*medium.coefficients())
     uneven = medium.render_step() < np.inf
     dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
@@ -72,6 +73,9 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
         if not scene.rendered(light):
             continue
         irradiance = _irradiance(scene, light, points)
+        # the channel that the fog dims least must not overflow
+        brightest = irradiance / np.pi if uneven else (
+            irradiance / np.pi * clearest * np.exp(-extinction.min() * _path(scene, light, points)))
         level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
         if not midpoint or one.midpoint() is None:
             finer = one.finer(transmittance_step, float(extinction.max()))
@@ -80,7 +84,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
                 # what is divided by must be lit by the same small lights
                 runs.append(replace(irradiance_run(scene, light), id=f"clear_{light}", options=options))
             runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
-                            _exposure(level, irradiance / np.pi if uneven else None),
+                            _exposure(level, brightest),
                             uneven_samples(scene, medium, "transmittance"), options))
         if medium.coefficients()[1].max() > 0:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
