@@ -1,0 +1,120 @@
+"""pbrt-v4 scenes: one `.pbrt` file each, complete in itself."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.geometry.planes import polygon_normal
+from pipeline.plugins.base import Exporter, parameter
+
+#: A lamp that lies in the ceiling is put so far [m] in front of it, or rounding would decide which is seen.
+LIFT = 1e-3
+HEAD = """# Fog scene `{name}` ({what}) for pbrt-v4: pbrt {name}.pbrt
+# Metres, y up; photo units: 1 is the photograph's white; linear Rec.709. The camera's matrix leads from the world,
+# right-handed, to pbrt's camera, left-handed: x right, y up, z forward. The film's exposure time and ISO are such that
+# its values are radiance. maxdepth 1 is light scattered or reflected once; raise it for all orders.
+# A transmittance scene divided by the clear one of the same light is T, eye path included.
+# Left out: {left_out}
+"""
+
+
+class Pbrt(Exporter):
+    """Writes `.pbrt` scenes for pbrt-v4; the chain itself is rendered by POV-Ray."""
+
+    type: Literal["pbrt"] = "pbrt"
+    states = frozenset({"area", "point", "spot"})
+    max_depth: int = parameter(1, "1", ge=0, le=1000, description="scatterings of a path; 1 scatters once")
+    samples: int = parameter(256, "1", ge=1, le=1_000_000, description="a pixel")
+    grid_cells: int = parameter(48, "1", ge=2, le=256, description="along each axis, where the fog is uneven")
+
+    def scale(self, extent):
+        raise InputError("pbrt does not render the chain", place="exporter: {type: pbrt}",
+                         remedy="leave 'exporter' out, and run: make export scene=NAME to=pbrt")
+
+    def export(self, name, description):
+        d = description
+        fog = d.what != "clear"
+        lines = [HEAD.format(name=name, what=d.what, left_out="; ".join(d.left_out) or "nothing"),
+                 f'Integrator "volpath" "integer maxdepth" [ {self.max_depth} ]',
+                 f'Sampler "independent" "integer pixelsamples" [ {self.samples} ]',
+                 'PixelFilter "box" "float xradius" [ 0.5 ] "float yradius" [ 0.5 ]',
+                 f'Film "rgb" "string filename" [ "{name}.exr" ] "integer xresolution" [ {d.camera.width} ]'
+                 f' "integer yresolution" [ {d.camera.height} ] "string sensor" [ "cie1931" ] "float iso" [ 100 ]',
+                 'ColorSpace "srgb"', *([self._medium(d), 'MediumInterface "" "fog"'] if fog else []),
+                 *self._camera(d.camera), "WorldBegin"]
+        if fog:
+            lines.append('MediumInterface "" "fog"')
+        for face in d.faces:
+            albedo = {"in_scattering": np.zeros(3), "foggy": face.albedo}.get(d.what, np.ones(3))
+            triangles = _fan(len(face.corners)) if face.triangles is None else face.triangles
+            lines += [f"# {face.name}", "AttributeBegin",
+                      f'  Material "diffuse" "rgb reflectance" [ {_numbers(albedo)} ]',
+                      f"  {_mesh(face.corners, triangles)}", "AttributeEnd"]
+        for light, strength in d.lights.values():
+            lines += ["AttributeBegin", *(f"  {line}" for line in self._light(light, strength)), "AttributeEnd"]
+        return {f"{name}.pbrt": "\n".join(lines) + "\n"}
+
+    def _camera(self, c):
+        right, down, forward = np.asarray(c.world_from_camera).T
+        to_camera = np.eye(4)
+        to_camera[:3, :3] = [right, -down, forward]
+        to_camera[:3, 3] = -to_camera[:3, :3] @ c.position
+        (cx, cy), f = c.principal_point, c.focal_length
+        window = [-cx / f, (c.width - cx) / f, -(c.height - cy) / f, cy / f]
+        # pbrt reads matrices column by column; 90 degrees make the window's unit the tangent
+        return [f"Transform [ {_numbers(to_camera.T)} ]",
+                f'Camera "perspective" "float fov" [ 90 ] "float screenwindow" [ {_numbers(window)} ]']
+
+    def _medium(self, d):
+        absorption, scattering = d.medium.coefficients()
+        if d.what == "transmittance":
+            absorption, scattering = absorption + scattering, np.zeros(3)
+        phase = d.medium.phase()
+        if phase.type_name() not in ("henyey_greenstein", "isotropic"):
+            raise InputError(f"pbrt knows no phase function '{phase.type_name()}'", place="fog.phase_function",
+                             remedy="use henyey_greenstein or isotropic, or export to mitsuba")
+        g = getattr(phase, "asymmetry", 0.0)
+        sigma = (f'"rgb sigma_a" [ {_numbers(absorption)} ] "rgb sigma_s" [ {_numbers(scattering)} ] "float g" [ {g!r} ]'
+                 ' "float scale" [ 1 ]')
+        if d.medium.render_step() == np.inf:
+            return f'MakeNamedMedium "fog" "string type" [ "homogeneous" ] {sigma}'
+        n = self.grid_cells
+        axes = [d.bounds[0, k] + (np.arange(n) + 0.5) / n * (d.bounds[1, k] - d.bounds[0, k]) for k in range(3)]
+        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        density = d.medium.density(np.stack([x, y, z], -1))
+        return (f'MakeNamedMedium "fog" "string type" [ "uniformgrid" ] {sigma} "integer nx" [ {n} ] "integer ny" [ {n} ]'
+                f' "integer nz" [ {n} ] "point3 p0" [ {_numbers(d.bounds[0])} ] "point3 p1" [ {_numbers(d.bounds[1])} ]'
+                f' "float density" [ {" ".join(f"{v:.6g}" for v in density.ravel())} ]')
+
+    def _light(self, light, strength):
+        kind = light.type_name()
+        if kind == "area":
+            polygon = light.outline.polygon + LIFT * light.normal
+            triangles = _fan(len(polygon))
+            if polygon_normal(polygon) @ light.normal < 0:
+                triangles = [t[::-1] for t in triangles]
+            return ['Material "diffuse" "rgb reflectance" [ 0 0 0 ]',
+                    f'AreaLightSource "diffuse" "rgb L" [ {_numbers(strength)} ] "bool twosided" [ false ]',
+                    _mesh(polygon, triangles)]
+        if kind == "point":
+            return [f'LightSource "point" "point3 from" [ {_numbers(light.position.point)} ] "rgb I" [ {_numbers(strength)} ]']
+        # pbrt's falloff is a smoothstep of the cosine, as ours is
+        return [f'LightSource "spot" "point3 from" [ {_numbers(light.position.point)} ]'
+                f' "point3 to" [ {_numbers(light.target.point)} ] "float coneangle" [ {light.outer_angle!r} ]'
+                f' "float conedeltaangle" [ {light.outer_angle - light.inner_angle!r} ] "rgb I" [ {_numbers(strength)} ]']
+
+
+def _numbers(values) -> str:
+    return " ".join(repr(float(v)) for v in np.ravel(values))
+
+
+def _fan(count: int) -> list[tuple[int, int, int]]:
+    return [(0, i, i + 1) for i in range(1, count - 1)]
+
+
+def _mesh(vertices, triangles) -> str:
+    indices = " ".join(str(int(i)) for i in np.ravel(triangles))
+    return f'Shape "trianglemesh" "integer indices" [ {indices} ] "point3 P" [ {_numbers(vertices)} ]'
