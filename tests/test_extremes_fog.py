@@ -7,7 +7,7 @@ import copy
 import numpy as np
 import pytest
 
-from tests.extreme_scenes import GREY, LIGHTS, depth, fog, fogged, room, written
+from tests.extreme_scenes import GREY, LIGHTS, depth, fog, fogged, room, sun, written
 
 RADIANCE = np.array(LIGHTS["ambient"]["radiance"])
 THINNEST = 1e-12
@@ -67,7 +67,7 @@ def test_lamps_in_thin_fog_reach_their_limit(kind, tmp_path):
         _, v, c = fogged(build, *(f"fog.scattering_coefficient=[{extinction},{extinction},{extinction}]",
                                   "fog.absorption_coefficient=[0,0,0]"))
         np.testing.assert_allclose(v / extinction, limit, rtol=RENDERED, atol=RENDERED * limit.max())
-        np.testing.assert_allclose(c, GREY, atol=1e-4)
+        np.testing.assert_allclose(c, GREY, rtol=1e-3)  # T is a ratio of two half floats, 2^-11 each
 
 
 @pytest.mark.parametrize("asymmetry", [-0.999, 0.999])
@@ -102,7 +102,7 @@ def test_transmittance_falls_with_extinction(tmp_path):
 
 def scaled(kind: str, scale: float) -> dict:
     """The light in a room `scale` times as large, as bright to the eye."""
-    light = copy.deepcopy(LIGHTS[kind])
+    light = copy.deepcopy(LIGHTS[kind] if kind in LIGHTS else sun([0.63, -0.76, 0.11]))
     for key in ("position", "target"):
         if key in light:
             light[key]["point"] = [scale * x for x in light[key]["point"]]
@@ -111,15 +111,17 @@ def scaled(kind: str, scale: float) -> dict:
         light["radius"] = 0.02 * scale
     if "outline" in light:
         light["outline"]["points"] = [[scale * x for x in point] for point in light["outline"]["points"]]
+    if "openings" in light:
+        for outline in (light["openings"]["window"]["window"], *light["openings"]["window"]["patches"]):
+            outline["points"] = [[scale * x for x in point] for point in outline["points"]]
     return {kind: light}
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-@pytest.mark.parametrize("kind", list(LIGHTS))
+@pytest.mark.parametrize("kind", [*LIGHTS, "sun"])
 def test_units_from_millimetres_to_kilometres(kind, scale, tmp_path):
     pictures = [fogged(written(tmp_path / name, room(scaled(kind, s), fog(0.2 / s, 0.8, 0.5), s)))
                 for name, s in (("metres", 1.0), ("scaled", scale))]
     for one, other in zip(*pictures):
-        # half floats, and shadow edges that move by POV-Ray's own tolerances
-        assert np.median(np.abs(other / one - 1)) < 1e-3
-        np.testing.assert_allclose(other, one, rtol=0.02)
+        # half floats
+        np.testing.assert_allclose(other, one, rtol=2e-3, atol=2e-3 * np.median(one))
