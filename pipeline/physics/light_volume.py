@@ -81,7 +81,7 @@ def lamp_paths(grid: DensityGrid, position: np.ndarray, reach: float) -> Lookup:
     def at(points: np.ndarray) -> np.ndarray:
         x, y, z = np.moveaxis(np.asarray(points, float) - position, -1, 0)
         distance = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12)
-        where = np.stack([np.arccos(np.clip(y / distance, -1, 1)), np.arctan2(z, x) % (2 * np.pi),
+        where = np.stack([np.arctan2(np.hypot(x, z), y), np.arctan2(z, x) % (2 * np.pi),
                           np.log(np.maximum(distance / nearest, 1.0))])
         return distance * map_coordinates(mean, (where.T * steps).T, order=1, mode="nearest", prefilter=False)
 
