@@ -40,5 +40,9 @@ class PlacedScene:
 
     def extent(self) -> float:
         """Radius [m] round the camera that holds everything."""
-        points = np.concatenate([corners for _, corners in self.faces()])
+        faces = self.faces()
+        # a photograph of nothing but sky: any size will do, for nothing there is lit or throws a shadow
+        if not faces:
+            return 1.0
+        points = np.concatenate([corners for _, corners in faces])
         return float(np.linalg.norm(points - self.camera.position, axis=1).max())
