@@ -131,8 +131,7 @@ def _piece(medium, rays, lamp, low, high, from_lamp, rule) -> np.ndarray:
         points = rays.eye + along[..., None] * rays.directions[:, None]
         path = medium.density_along(rays.eye, rays.directions, along) + from_lamp(points)
         density = medium.density(points)
-    # before a far lamp both angles are nearly a quarter turn; the angle between them is taken at once
-    turn = np.arctan2(width * (high - low)[:, None], width**2 + (low[:, None] - foot) * (high[:, None] - foot))
+    turn = _turn(low[:, None] - foot, high[:, None] - foot, width)
     return _summed(medium, rays, lamp, along, weights * turn * density, path)
 
 
@@ -185,7 +184,12 @@ def _midpoints(rays, start, end, eye_steps, lamp_steps) -> tuple[np.ndarray, np.
     edges = np.concatenate([np.broadcast_to(eye_steps, (len(foot), len(eye_steps))), turning, foot - lamp_steps,
                             foot + lamp_steps], axis=1)
     edges = np.sort(np.clip(edges, start, end), axis=1)
-    return (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(np.arctan((edges - foot) / width), axis=1)
+    return (edges[:, 1:] + edges[:, :-1]) / 2, _turn(edges[:, :-1] - foot, edges[:, 1:] - foot, width)
+
+
+def _turn(low, high, width) -> np.ndarray:
+    """atan(high / width) - atan(low / width): of a far lamp both are nearly a quarter turn, and would cancel."""
+    return np.arctan2(width * (high - low), width**2 + low * high)
 
 
 def _summed(medium, rays, lamp, along, weights, path) -> np.ndarray:
