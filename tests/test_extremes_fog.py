@@ -118,7 +118,8 @@ def scaled(kind: str, scale: float) -> dict:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-@pytest.mark.parametrize("kind", [*LIGHTS, "sun"])
+@pytest.mark.parametrize("kind", ["ambient", "area", "sun", *(pytest.param(kind, marks=pytest.mark.slow)
+                                                              for kind in ("point", "spot"))])
 def test_units_from_millimetres_to_kilometres(kind, scale, tmp_path):
     pictures = [fogged(written(tmp_path / name, room(scaled(kind, s), fog(0.2 / s, 0.8, 0.5), s)))
                 for name, s in (("metres", 1.0), ("scaled", scale))]

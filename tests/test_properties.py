@@ -43,6 +43,7 @@ def test_any_fog(extinction, albedo, asymmetry, at):
     assert (dense[0] <= thin[0] * (1 + RENDERED) + 1e-30).all()
 
 
+@pytest.mark.slow
 @CHAIN
 @given(extinction=st.floats(0.01, 1), one=place, other=place)
 def test_lights_superpose_and_channels_permute(extinction, one, other):
