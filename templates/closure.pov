@@ -12,7 +12,7 @@
 // Sunlight comes from outside: fog in a container the size of the room counts its way from the window.
 // (no_shadow would take it out of the light's way altogether.)
 box {
-  (<< run.container[0] | vector >> + 1e-3) * Metre, (<< run.container[1] | vector >> - 1e-3) * Metre
+  << run.container[0] | vector >> * Metre + 1e-3, << run.container[1] | vector >> * Metre - 1e-3
   hollow pigment { rgbt 1 } finish { ambient 0 diffuse 0 }
   interior { Fog_Scattering(Fog_Samples) }
 }

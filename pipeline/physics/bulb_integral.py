@@ -82,7 +82,8 @@ def smooth_part(medium: Any, eye: np.ndarray, directions: np.ndarray, ends: np.n
 def _met(eye, directions, ends, lamp) -> tuple[_Rays, np.ndarray, np.ndarray]:
     """The rays, and where the lamp's light is met on each, from and to."""
     foot = directions @ (lamp.position - eye)
-    aside = np.maximum(((lamp.position - eye) ** 2).sum() - foot**2, 0.0)
+    # squares of the sides would cancel: of a lamp 10 km away nothing would be left of how near a ray passes it
+    aside = ((lamp.position - eye - foot[:, None] * directions) ** 2).sum(-1)
     start, end = np.zeros_like(ends), ends
     if lamp.cone is not None:
         start, end = _within(lamp.cone, eye - lamp.position, directions, start, end)
@@ -130,7 +131,8 @@ def _piece(medium, rays, lamp, low, high, from_lamp, rule) -> np.ndarray:
         points = rays.eye + along[..., None] * rays.directions[:, None]
         path = medium.density_along(rays.eye, rays.directions, along) + from_lamp(points)
         density = medium.density(points)
-    return _summed(medium, rays, lamp, along, weights * (last - first) * density, path)
+    turn = _turn(low[:, None] - foot, high[:, None] - foot, width)
+    return _summed(medium, rays, lamp, along, weights * turn * density, path)
 
 
 def _in_cells(medium, rays, lamp, start, end, from_lamp) -> np.ndarray:
@@ -182,7 +184,12 @@ def _midpoints(rays, start, end, eye_steps, lamp_steps) -> tuple[np.ndarray, np.
     edges = np.concatenate([np.broadcast_to(eye_steps, (len(foot), len(eye_steps))), turning, foot - lamp_steps,
                             foot + lamp_steps], axis=1)
     edges = np.sort(np.clip(edges, start, end), axis=1)
-    return (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(np.arctan((edges - foot) / width), axis=1)
+    return (edges[:, 1:] + edges[:, :-1]) / 2, _turn(edges[:, :-1] - foot, edges[:, 1:] - foot, width)
+
+
+def _turn(low, high, width) -> np.ndarray:
+    """atan(high / width) - atan(low / width): of a far lamp both are nearly a quarter turn, and would cancel."""
+    return np.arctan2(width * (high - low), width**2 + low * high)
 
 
 def _summed(medium, rays, lamp, along, weights, path) -> np.ndarray:

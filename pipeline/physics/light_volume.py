@@ -64,11 +64,6 @@ def sky_paths(grid: DensityGrid, extinctions: Sequence[float]) -> list[Lookup]:
     return lookups
 
 
-def polar_angle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Angle [radian] from the vertical, 0 to pi; exact near it, where arccos loses half its digits."""
-    return np.arctan2(np.hypot(x, z), y)
-
-
 def lamp_paths(grid: DensityGrid, position: np.ndarray, reach: float) -> Lookup:
     """Points (..., 3) [m], up to `reach` [m] from `position` (3,) -> integral of the density [m] from there to them."""
     reach = min(reach, FARTHEST_CELLS * float(grid.spacing.min()))
@@ -86,7 +81,7 @@ def lamp_paths(grid: DensityGrid, position: np.ndarray, reach: float) -> Lookup:
     def at(points: np.ndarray) -> np.ndarray:
         x, y, z = np.moveaxis(np.asarray(points, float) - position, -1, 0)
         distance = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12)
-        where = np.stack([polar_angle(x, y, z), np.arctan2(z, x) % (2 * np.pi),
+        where = np.stack([np.arctan2(np.hypot(x, z), y), np.arctan2(z, x) % (2 * np.pi),
                           np.log(np.maximum(distance / nearest, 1.0))])
         return distance * map_coordinates(mean, (where.T * steps).T, order=1, mode="nearest", prefilter=False)
 

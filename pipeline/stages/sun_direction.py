@@ -49,7 +49,12 @@ def _given(name: str, light: Sun | Sunlight) -> dict:
         if polygon_normal(opening.window.polygon) @ direction <= 1e-3:
             raise InputError(f"{name}: direction {direction.tolist()} does not enter through window '{key}'",
                              remedy="let it point from the sun into the room")
-    if isinstance(light, Sunlight) and direction[1] >= 0:
+        # a patch along the light is none: pulled back to the window it shrinks to a line, and all would be dark
+        if any(abs(polygon_normal(patch.polygon) @ direction) <= 1e-3 for patch in opening.patches):
+            raise InputError(f"{name}: direction {direction.tolist()} runs along a patch of window '{key}'",
+                             remedy="correct the direction, or the plane of the patch")
+    # at the horizon it may shine through a window, from below it may not
+    if direction[1] > 0 or isinstance(light, Sunlight) and direction[1] >= 0:
         raise InputError(f"{name}: direction {direction.tolist()} does not come from above the horizon",
                          remedy="let it point from the sun downwards, y < 0")
     return {"sun_direction": light.direction, "status": "given", "messages": []}

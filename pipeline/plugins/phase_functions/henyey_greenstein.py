@@ -17,7 +17,7 @@ class HenyeyGreenstein(PhaseFunction):
     )
 
     def value(self, cosine):
-        # (1-g)^2 + 2g(1-cos) does not cancel near the forward peak, where 1 + g^2 - 2g cos loses all digits.
-        g = self.asymmetry
-        squared = (1 - g) ** 2 + 2 * g * (1 - np.asarray(cosine, float))
-        return (1 - g * g) / (4 * np.pi * squared * np.sqrt(squared))
+        # (1-|g|)^2 + 2|g|(1 - cos to the peak) does not cancel near it, where 1 + g^2 - 2g cos loses all digits.
+        g = abs(self.asymmetry)
+        squared = (1 - g) ** 2 + 2 * g * (1 - np.copysign(1.0, self.asymmetry) * np.asarray(cosine, float))
+        return (1 - g) * (1 + g) / (4 * np.pi * squared * np.sqrt(squared))
