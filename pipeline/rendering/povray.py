@@ -101,7 +101,11 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix=".render-", dir=image.parent) as folder:
         partial = Path(folder) / "image.exr"
-        home = _confined_home(Path(folder), pov)
+        try:
+            home = _confined_home(Path(folder), pov)
+        except OSError as error:  # a full disk's error names no file
+            raise InputError(f"cannot be rendered: {error.strerror}", place=str(image),
+                             remedy="check that its folder is writable and has space left") from error
         # POV-Ray changes into the file's folder itself; absolute names keep it independent of ours
         # side files are looked for beside the scene by +L only
         command = [program(), f"+I{pov.resolve()}", f"+L{pov.parent.resolve()}",
