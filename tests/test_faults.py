@@ -93,7 +93,7 @@ def cli(scene, stage: str, **more) -> subprocess.Popen:
 
 # ---- killed and interrupted ----------------------------------------------------------------------
 
-@pytest.mark.parametrize("ending", ["POV-Ray killed", "interrupted"])
+@pytest.mark.parametrize("ending", ["POV-Ray killed", pytest.param("interrupted", marks=pytest.mark.slow)])
 def test_render_that_is_ended(ending, tiny_scene, capfd):
     """The real POV-Ray at endless work; what was rendered before stays and is not rendered again."""
     assert tiny_scene.run(*BEFORE_FOG) == 0

@@ -143,6 +143,7 @@ def test_read_only_file_system(tiny_scene, capfd):
         assert {path: path.read_bytes() for path in disk.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_somebody_elses_folder(tiny_scene):
     """As a person who may read the folders and not write them."""
     if os.getuid() != 0:
