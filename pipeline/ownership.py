@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Iterator
 
+from pipeline.errors import InputError
 from pipeline.paths import Build
 
 POLL = 0.2  # [s]
@@ -47,10 +48,13 @@ def claim(build: Build) -> None:
                 print(f"waiting: another make is at work in {build.shared}", file=sys.stderr, flush=True)
                 told = True
             time.sleep(POLL)
-        file.seek(0)
-        file.truncate()
-        file.write(me)
-        file.flush()
+        try:
+            # past the buffer, which would try again when the file is closed
+            os.ftruncate(file.fileno(), 0)
+            os.write(file.fileno(), me.encode())
+        except OSError as error:  # a full disk's error names no file
+            raise InputError(f"cannot be claimed: {error.strerror}", place=str(build.shared),
+                             remedy="free some space and run again") from error
         if stated != me:
             _clear_up(build.shared)
 

@@ -548,7 +548,7 @@ def test_stage_before_its_turn(tiny_scene, capsys):
 
 @pytest.mark.parametrize("artefact, content, stage, says", [
     ("camera.json", "garbage", "geometry", "camera.json: cannot be read"),
-    ("camera.json", "{}", "geometry", "camera.json: holds no camera"),
+    ("camera.json", "{}", "geometry", "camera.json: holds no"),
     ("inputs/shapes.json", '{"room": {"type": "room", "lower": 3}}', "geometry",
      "build folder: shapes of type 'room'"),
     ("inputs/shapes.json", '{"room": {"type": "gone"}}', "geometry", "build folder: shapes of type 'gone'"),

@@ -34,7 +34,13 @@ LIBRARY = re.compile(r'#\s*include\s*"(colors|consts|finish|functions|glass|gold
 LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 PR_SET_PDEATHSIG = 1
 
+VERSION_TIMEOUT = 60.0  # [s]
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
+
+#: What POV-Ray says of sound scenes: a scene with a single shape is a union of one.
+HARMLESS = ("Should have at least 2 objects in csg.",)
+#: Warnings that were on the screen already: many runs share a template.
+_SAID: set[str] = set()
 
 #: POV-Ray processes under way, to be ended with us.
 _RUNNING: set[subprocess.Popen] = set()
@@ -42,22 +48,38 @@ _RUNNING: set[subprocess.Popen] = set()
 
 @cache
 def program() -> str:
-    found = shutil.which(os.environ.get("POVRAY", "povray"))
+    named = os.environ.get("POVRAY", "povray")
+    found = shutil.which(named)
+    if found is None and Path(named).is_file():
+        raise InputError("is no program that may be run", place=named,
+                         remedy="name POV-Ray itself in POVRAY, or allow its execution")
     if found is None:
-        raise InputError("POV-Ray is not installed", place=os.environ.get("POVRAY", "povray"), remedy=INSTALL)
+        raise InputError("POV-Ray is not installed", place=named, remedy=INSTALL)
     return found
 
 
 @cache
 def version() -> str:
     """Like 3.7.0.10."""
-    result = subprocess.run([program(), "--version"], capture_output=True, text=True, timeout=60,
-                            stdin=subprocess.DEVNULL)
-    match = re.search(r"POV-Ray (\d[\w.]*)", result.stdout + result.stderr)
+    try:
+        result = subprocess.run([program(), "--version"], capture_output=True, text=True, errors="replace",
+                                timeout=VERSION_TIMEOUT, stdin=subprocess.DEVNULL)
+    except subprocess.TimeoutExpired:
+        raise InputError(f"does not say its version within {VERSION_TIMEOUT:g} s", place=program(),
+                         remedy="reinstall POV-Ray 3.7") from None
+    except OSError as error:  # of another machine's kind, or no program at all
+        raise InputError(f"cannot be run ({error.strerror})", place=program(),
+                         remedy="reinstall POV-Ray 3.7") from None
+    said = result.stdout + result.stderr
+    match = re.search(r"POV-Ray (\d[\w.]*)", said)
     if not match:
         raise InputError("does not say its version", place=program(), remedy="reinstall POV-Ray 3.7")
     if not match.group(1).startswith("3.7"):
         raise InputError(f"is version {match.group(1)}", place=program(), remedy="install POV-Ray 3.7")
+    formats = re.search(r"image formats:(.*)", said)
+    if formats and "openexr" not in formats.group(1).lower():
+        raise InputError("was built without OpenEXR", place=program(),
+                         remedy="install a POV-Ray 3.7 that lists openexr in `povray --version`")
     return match.group(1)
 
 
@@ -79,7 +101,11 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix=".render-", dir=image.parent) as folder:
         partial = Path(folder) / "image.exr"
-        home = _confined_home(Path(folder), pov)
+        try:
+            home = _confined_home(Path(folder), pov)
+        except OSError as error:  # a full disk's error names no file
+            raise InputError(f"cannot be rendered: {error.strerror}", place=str(image),
+                             remedy="check that its folder is writable and has space left") from error
         # POV-Ray changes into the file's folder itself; absolute names keep it independent of ours
         # side files are looked for beside the scene by +L only
         command = [program(), f"+I{pov.resolve()}", f"+L{pov.parent.resolve()}",
@@ -102,6 +128,10 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
             raise InputError(f"render has {pixels.shape[1]}x{pixels.shape[0]} pixels, not {width}x{height}",
                              place=str(pov), remedy="leave the picture's size to the command line")
         os.replace(partial, image)
+    for warning in warnings(log, pov):
+        if warning not in _SAID:
+            _SAID.add(warning)
+            print(f"warning: {warning}", file=sys.stderr, flush=True)
     seconds = time.monotonic() - start
     with replacing(stamp) as name:
         name.write_text(f"{digest} {seconds:.3f}\n")
@@ -165,9 +195,13 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
         name.write_text("command: " + " ".join(command) + "\n" + log)
     if process.returncode < 0 or process.returncode > 128:
         number = -process.returncode if process.returncode < 0 else process.returncode - 128
-        raise InputError(f"POV-Ray was ended by signal {signal.Signals(number).name}", place=str(pov),
-                         remedy="a crash at the very end is a known fault of function densities at scene"
-                                f" level; see {log_file}")
+        # a shell's 255 names no signal
+        name = signal.Signals(number).name if number in set(signal.Signals) else str(number)
+        remedy = ("run again; where nobody ended it, memory ran out: lower render.threads"
+                  if number in (signal.SIGKILL, signal.SIGTERM) else
+                  "a crash at the very end is a known fault of function densities at scene level")
+        raise InputError(f"POV-Ray was ended by signal {name}", place=str(pov),
+                         remedy=f"{remedy}; see {log_file}")
     raise _explained(log, pov, log_file)
 
 
@@ -185,7 +219,7 @@ def _kill(process: subprocess.Popen) -> None:
 
 def _explained(log: str, pov: Path, log_file: Path) -> InputError:
     """POV-Ray's own error, and the template line it comes from."""
-    match = re.search(r"File '([^']*)' line (\d+): (.*?)(?:\n\n|\Z)", log, re.S)
+    match = re.search(r"File '([^']*)'\s+line\s+(\d+):\s+(.*?)(?:\n\n|\Z)", log, re.S)
     see = f"see {log_file}, which begins with the command"
     if not match:
         lines = [line for line in log.splitlines() if "error" in line.lower()] or log.splitlines()[-1:]
@@ -197,6 +231,26 @@ def _explained(log: str, pov: Path, log_file: Path) -> InputError:
     return InputError(f"POV-Ray: {message} ({pov}:{line})",
                       place=template_place(emitted, line) or f"{pov}:{line}",
                       remedy=f"mend this line of the template; {see}")
+
+
+def warnings(log: str, pov: Path) -> list[str]:
+    """What POV-Ray warned of, each once and with its template line; `HARMLESS` ones are left out."""
+    found: dict[str, None] = {}
+    emitted = pov.read_text(errors="replace").splitlines() if pov.exists() else []
+    # its lines are broken at 80 columns and go on after a space
+    for match in re.finditer(r"(?:^File '[^']*'\s+line\s+(\d+):\s+)?\b(?:[A-Z]\w+ )?Warning: (.*(?:\n .*)*)",
+                             log, re.M):
+        line, text = int(match.group(1) or 0), " ".join(match.group(2).split())
+        if not text.startswith(HARMLESS):
+            place = template_place(emitted, line) if emitted and line else None
+            found[f"{place or (f'{pov}:{line}' if line else pov)}: POV-Ray: {text}"] = None
+    return list(found)
+
+
+def warnings_beside(image: Path, pov: Path) -> list[str]:
+    """Warnings of the render that made `image`, by the log that stands beside it."""
+    log = image.with_suffix(".log")
+    return warnings(log.read_text(errors="replace"), pov) if log.exists() else []
 
 
 def template_place(emitted: list[str], line: int) -> str | None:

@@ -45,7 +45,8 @@ def manifest_of(build: Build, artefacts: dict[str, Any], parameters: dict[str, A
         "project": {"name": "fog-into-photographs", "version": __version__}, "scene": build.scene,
         "fog": build.fog or "default", "versions": _versions(),
         "sources": _sources(build, parameters["photograph"]), "parameters": parameters,
-        "seconds": seconds, "estimated_error": errors, "outputs": _outputs(build, artefacts)})
+        "seconds": seconds, "estimated_error": errors,
+        "povray_warnings": _povray_warnings(build), "outputs": _outputs(build, artefacts)})
 
 
 def _versions() -> dict[str, Any]:
@@ -76,6 +77,15 @@ def _sources(build: Build, photograph: dict) -> dict[str, Any]:
     return {"photograph": {photograph["file"]: photograph["sha256"]},
             "scene": {"scene.yaml": _sha256(build.scene_file)}, "templates": templates,
             "pov": {_relative(build, pov): _sha256(pov) for pov in programs}}
+
+
+def _povray_warnings(build: Build) -> list[str]:
+    """Each once, of all renders that went into the result."""
+    found = {}
+    for pov in (*sorted(build.basis.glob("*.pov")), *sorted(build.pov.glob("*.pov"))):
+        folder = build.runs if pov.parent == build.pov else pov.parent
+        found |= dict.fromkeys(povray.warnings_beside(folder / pov.name, pov))
+    return [text.replace(f"{paths.PROJECT}/", "") for text in found]
 
 
 def _sha256(path: Path) -> str | None:

@@ -24,7 +24,19 @@ from pipeline.scene.placed import PlacedScene
 MAX_FILE_BYTES = 512 * 2**20
 #: Share of a pixel that a lamp's glare covers.
 THIN = 1e-4
+#: Counts up when a file between stages gets another meaning; a build of another number is made anew.
+FORMAT = 1
 REMAKE = "remove the scene's build folder and run make again"
+
+
+class Artefact(dict):
+    """A JSON object of the build folder: a key that another version did not write is said in one line."""
+
+    path = Path()
+
+    def __missing__(self, key):
+        raise InputError(f"holds no '{key}': another version of the pipeline wrote it", place=str(self.path),
+                         remedy=REMAKE)
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -43,13 +55,17 @@ def write_json_if_changed(path: Path, value: Any) -> bool:
 
 def read_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError("no such file", place=str(path),
                          remedy="run the stages before this one, or all of them: make scene=NAME") from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy=REMAKE) from None
+    if isinstance(value, dict):
+        value = Artefact(value)
+        value.path = path
+    return value
 
 
 def scene_place(build: Build, *keys: str) -> str:
@@ -80,7 +96,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 
 
 def read_camera(build: Build) -> Camera:
-    data = read_json(build.camera)
+    data = dict(read_json(build.camera))
     try:
         return Camera(data["width_pixel"], data["height_pixel"], data["focal_length_pixel"],
                       np.array(data["principal_point_pixel"]), np.array(data["world_from_camera"]),

@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.ownership import claim
 from pipeline.paths import PROJECT, Build, inside
 from pipeline.plugins.base import Model
-from pipeline.scene.artefacts import read_json, write_json_if_changed
+from pipeline.scene.artefacts import FORMAT, read_json, write_json, write_json_if_changed
 from pipeline.scene.load import checked, read_scene, scenes_beside
 
 
@@ -53,12 +53,21 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
     parts["templates"], parts["plugins"] = _templates(build), _plugins(scene)
     claim(build)
     parts["demand"] = {"light_strengths": not scene.fog.is_clear() or _was_demanded(build)}
+    # what another version wrote is made anew whatever its time stamps: a copy or a checkout makes them new
+    write = write_json_if_changed if _is_current(build) else write_json
     for part, value in parts.items():
-        write_json_if_changed(build.input(part), value)
+        write(build.input(part), value)
+    write_json_if_changed(build.input("format"), FORMAT)
     # later stages say in which line of the scene file stands what they cannot use; nothing is made from this
     write_json_if_changed(build.lines, {".".join(keys): line for keys, line in text.lines.items()
                                         if all(isinstance(key, str) for key in keys)})
     return scene
+
+
+def _is_current(build: Build) -> bool:
+    """Whether this version made the scene's build folder; all fogs are newer than what they share."""
+    stamp = build.input("format")
+    return stamp.exists() and read_json(stamp) == FORMAT
 
 
 def _depth(build: Build, scene: Model, text) -> dict | None:
