@@ -229,7 +229,7 @@ ladder: $(READY) | povray
 	$(run) ladder
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz bench-lamps photos photograph schema plugins clean help
+.PHONY: test test-slow fuzz validation bench-lamps photos photograph schema plugins clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
 
@@ -238,6 +238,9 @@ test-slow: setup
 
 fuzz: setup
 	@OMP_NUM_THREADS=1 $(PY) -m tests.fuzzing --cases $(cases) --seed $(seed)
+
+validation: setup
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -266,7 +269,7 @@ help:
 	@echo "targets"
 	@echo "  make scene=NAME          fog in scenes/NAME, into build/NAME/ (report.html shows all of it)"
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
-	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer, into build/NAME/export/mitsuba/"
+	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light against Mitsuba 3's (where it is installed)"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
@@ -274,6 +277,7 @@ help:
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
+	@echo "  make validation          the paper's Fig. 8, 9, 10: composite against ground truth, into build/validation/; long"
 	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"

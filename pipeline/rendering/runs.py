@@ -25,6 +25,8 @@ LARGEST_OPTICAL_STEP = 1 / 3
 SHADED, UNSHADED = "shaded", "unshaded"
 #: What shadows take from a glow is smoother still, and smaller: it is rendered at so much less than the glow's size.
 SHADOW_REDUCTION = 2
+#: Longer side [pixel] from which on it is.
+LEAST_SHADOW_SIZE = 128
 #: Single lamps that get such renders; of more than these the brightest to the eye.
 MOST_SHADED = 16
 #: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
@@ -97,7 +99,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             if not one.completes(medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
-                half = max(1, round(size[0] / SHADOW_REDUCTION)), max(1, round(size[1] / SHADOW_REDUCTION))
+                half = glow_size(*size, max(LEAST_SHADOW_SIZE, max(size) // SHADOW_REDUCTION))
                 runs += [Run(f"{kind}_{light}", "in_scattering", [light], *half, exposure, count,
                              {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
     if uneven:

@@ -96,7 +96,7 @@ class RenderSettings(Model):
         "area", description="of a lamp's light on its way to surfaces: averaged over its area, or from its midpoint, as"
                             " in the paper (eq. 5), which needs no render")
     transmittance_step: float = parameter(
-        0.04, "1", gt=1e-3, le=100,
+        0.025, "1", gt=1e-3, le=100,
         description="optical depth that a small part of a lamp may span where T is rendered; smaller is more accurate in"
                     " half-shadows in dense fog")
     restore_clipped_lamps: bool = parameter(
