@@ -33,7 +33,7 @@ def built(folder, fog: str, *settings: str) -> Build:
     return build
 
 
-def errors(build: Build, medium: q.Medium, count: int = 400):
+def errors(build: Build, medium: q.Medium, count: int = 1200):
     """Relative errors of T where it is defined, and of V where no lamp is seen, over some of the pixels."""
     rays = ROOM.rays(SIZE, SIZE)
     chosen = np.random.default_rng(1).permutation(SIZE * SIZE)[:count]

@@ -231,7 +231,7 @@ def test_limit_of_pixels(override, tiny_scene, capsys):
     assert tiny_scene.run("resolve", "photograph", overrides=("photograph.max_megapixels=0.0005",)) == 0
 
 
-@pytest.mark.parametrize("limit", [100.0, 20_000.0])
+@pytest.mark.parametrize("limit", [100.0, 8_000.0])
 def test_limit_of_all_renders(limit, tiny_scene, capsys, monkeypatch):
     """The first stops the estimate's renders (24 * 18 * 5 points), the second those of the fog."""
     import pipeline.stages.illumination as illumination

@@ -122,11 +122,11 @@ class Scattered:
         one, eye = self.scene.lights[light], self.scene.camera.position
         if not self.medium.coefficients()[1].max() > 0:
             return np.zeros((*view.depth.shape, 3))
-        if self.scene.rendered(light) and one.completes(self.medium):
-            return self._completed(light, view)
-        if self.scene.rendered(light):
+        if f"in_scattering_{light}" in self.runs:
             run = self.runs[f"in_scattering_{light}"]
             return self._enlarged(run.id, view) / run.exposure
+        if self.scene.rendered(light):
+            return self._completed(light, view)
         unoccluded = np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
         if f"{SHADED}_{light}" not in self.runs:
             return unoccluded

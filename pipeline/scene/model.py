@@ -95,8 +95,12 @@ class RenderSettings(Model):
     transmittance: Literal["area", "midpoint"] = parameter(
         "area", description="of a lamp's light on its way to surfaces: averaged over its area, or from its midpoint, as"
                             " in the paper (eq. 5), which needs no render")
+    glow: Literal["integrated", "rendered"] = parameter(
+        "integrated", description="of area lights: integrated over the area, renders saying what shadows take; or all of it"
+                                  " rendered, so that edits of templates/lights/area.inc show in it (always where the"
+                                  " scene has a template of its own)")
     transmittance_step: float = parameter(
-        0.025, "1", gt=1e-3, le=100,
+        0.05, "1", gt=1e-3, le=100,
         description="optical depth that a small part of a lamp may span where T is rendered; smaller is more accurate in"
                     " half-shadows in dense fog")
     restore_clipped_lamps: bool = parameter(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pipeline.errors import InputError
+from pipeline import paths
 from pipeline.paths import Build
 from pipeline.physics.bulbs import UNSEEN
 from pipeline.plugins.base import Medium
-from pipeline.rendering.emit import Run
+from pipeline.rendering.emit import Run, Templates
 from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, as_json, dense_samples, fog_runs, hidden,
                                      shaded_lights, uneven_samples)
 from pipeline.rendering.work import refuse_too_much
@@ -28,7 +29,8 @@ def run(build: Build) -> None:
         lights = [name for name in bright if not hidden(scene, medium, name)]
         shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
         runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
-                        settings["transmittance"] == "midpoint", settings["transmittance_step"])
+                        settings["transmittance"] == "midpoint", settings["transmittance_step"],
+                        lights if settings["glow"] == "rendered" else _of_own_template(build, scene))
         try:
             refuse_too_much(scene, runs, settings["max_light_samples"])
         except InputError as error:
@@ -39,6 +41,14 @@ def run(build: Build) -> None:
     write_json(build.plan, {
         "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
         "reasons": reasons})
+
+
+def _of_own_template(build: Build, scene: PlacedScene) -> list[str]:
+    """Lights that the scene states by a template of its own: what that says must show."""
+    templates = Templates(build.source)
+    names = {light: scene.lights[light].template_name() for light in scene.lights if scene.rendered(light)}
+    return [light for light, name in names.items()
+            if any((folder / name).is_file() for folder in templates.folders if folder not in (paths.TEMPLATES, paths.INCLUDES))]
 
 
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int

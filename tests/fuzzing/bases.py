@@ -69,7 +69,7 @@ def _small(path: Path) -> Base:
     elif name in SIZES:
         size = SIZES[name]
     else:
-        view = YAML(typ="safe").load((path.parent / "photograph.yaml").read_text(encoding="utf-8"))["view"]
+        view = {"width": 256, "height": 256} if not (path.parent / "photograph.yaml").exists() else YAML(typ="safe").load((path.parent / "photograph.yaml").read_text(encoding="utf-8"))["view"]
         size = view["width"], view["height"]
     factor, height = WIDTH / size[0], round(WIDTH * size[1] / size[0])
     if not picture:
