@@ -154,7 +154,7 @@ def test_hanging_with_children(tiny_scene, capfd, monkeypatch):
     ("#!/bin/sh\nexec sleep 600\n", "does not say its version within 1 s"),
     ("#!/no/such/interpreter\n", "cannot be run (No such file or directory)"),
     ("\x7fELF of another machine", "cannot be run (Exec format error)"),
-    (ANSWERS + "exit 255\n", "ended by signal 127"),
+    (ANSWERS + "exit 255\n", "POV-Ray failed: it said nothing"),
 ], ids=["3.6", "3.8", "no OpenEXR", "no text", "hangs", "no interpreter", "no program", "status 255"])
 def test_other_programs(script, says, tmp_path, monkeypatch):
     program = stand_in(tmp_path, script, monkeypatch)
@@ -213,3 +213,15 @@ def test_warnings_are_said_once_and_kept(tiny_scene, capfd):
     assert said == [f"warning: {wanted}"], "one line for all runs, none of a union of one shape"
     assert tiny_scene.run("report") == 0
     assert wanted in json.loads(tiny_scene.build.manifest.read_text())["povray_warnings"]
+    assert f'<li>{wanted} <span class="soft">(render)</span>' in tiny_scene.build.report.read_text()
+
+
+def test_sunlight_through_a_window_gives_no_warning(tiny_scene, capfd):
+    tiny_scene.replace("lights:\n", "lights:\n  sun:\n    type: sun\n    direction: [0.6, -0.8, 0.1]\n    irradiance: [5, 4, 3]\n"
+                       "    openings:\n      window:\n"
+                       "        window: {points: [[-2, 1, -3], [-2, 2, -3], [-2, 2, -2], [-2, 1, -2]]}\n"
+                       "        patches: [{points: [[-1.25, 0, -2.875], [-0.5, 0, -2.75], [-0.5, 0, -1.75],"
+                       " [-1.25, 0, -1.875]]}]\n")
+    assert tiny_scene.run(*BEFORE_FOG, "render") == 0
+    assert (tiny_scene.build.runs / "in_scattering_sun.exr").exists()
+    assert "warning" not in capfd.readouterr().err

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline import paths
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map
+from pipeline.rendering import povray_log
 
 #: Ways in which a scene's text opens files of its own choosing. POV-Ray 3.7 confines pictures to the paths
 #: that its settings permit, but neither includes nor what #fopen writes (measured with 3.7.0.10).
@@ -37,8 +37,6 @@ PR_SET_PDEATHSIG = 1
 VERSION_TIMEOUT = 60.0  # [s]
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
 
-#: What POV-Ray says of sound scenes: a scene with a single shape is a union of one.
-HARMLESS = ("Should have at least 2 objects in csg.",)
 #: Warnings that were on the screen already: many runs share a template.
 _SAID: set[str] = set()
 
@@ -94,7 +92,7 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
     text = pov.read_bytes()
     _refuse_file_access(text.decode(errors="replace"), pov)
     digest = hashlib.sha256(text + f"{width}x{height} {version()}".encode()).hexdigest()
-    if image.exists() and stamp.exists() and stamp.read_text().split()[:1] == [digest]:
+    if _is_done(image, stamp, digest):
         return 0.0
     image.parent.mkdir(parents=True, exist_ok=True)
     stamp.unlink(missing_ok=True)
@@ -128,14 +126,22 @@ def render(pov: Path, image: Path, width: int, height: int, *, threads: int | No
             raise InputError(f"render has {pixels.shape[1]}x{pixels.shape[0]} pixels, not {width}x{height}",
                              place=str(pov), remedy="leave the picture's size to the command line")
         os.replace(partial, image)
-    for warning in warnings(log, pov):
+    for warning in povray_log.warnings(log, pov):
         if warning not in _SAID:
             _SAID.add(warning)
             print(f"warning: {warning}", file=sys.stderr, flush=True)
     seconds = time.monotonic() - start
     with replacing(stamp) as name:
-        name.write_text(f"{digest} {seconds:.3f}\n")
+        name.write_text(f"{digest} {seconds:.3f} {image.stat().st_size}\n")
     return seconds
+
+
+def _is_done(image: Path, stamp: Path, digest: str) -> bool:
+    """Whether the picture is that of this text, and as long as it was: a machine that went down may have cut it."""
+    if not image.exists() or not stamp.exists():
+        return False
+    words = stamp.read_text(encoding="utf-8", errors="replace").split()
+    return words[:1] == [digest] and words[2:] == [str(image.stat().st_size)]
 
 
 def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None = None,
@@ -166,7 +172,7 @@ def _refuse_file_access(text: str, pov: Path) -> None:
         raise InputError(f"'{found.group()}' lets the scene open files",
                          remedy="write the contents into the template, or use <% include %>; of POV-Ray's"
                          " library, #include \"colors.inc\" and the like are allowed",
-                         place=template_place(text.splitlines(), line) or f"{pov}:{line}")
+                         place=povray_log.template_place(text.splitlines(), line) or f"{pov}:{line}")
 
 
 def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float) -> str:
@@ -188,21 +194,12 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
         raise
     finally:
         _RUNNING.discard(process)
-    if process.returncode == 0:
+    if process.returncode == 0 and not povray_log.was_stopped(log):
         return log
     log_file = image.with_suffix(".log")
     with replacing(log_file) as name:
         name.write_text("command: " + " ".join(command) + "\n" + log)
-    if process.returncode < 0 or process.returncode > 128:
-        number = -process.returncode if process.returncode < 0 else process.returncode - 128
-        # a shell's 255 names no signal
-        name = signal.Signals(number).name if number in set(signal.Signals) else str(number)
-        remedy = ("run again; where nobody ended it, memory ran out: lower render.threads"
-                  if number in (signal.SIGKILL, signal.SIGTERM) else
-                  "a crash at the very end is a known fault of function densities at scene level")
-        raise InputError(f"POV-Ray was ended by signal {name}", place=str(pov),
-                         remedy=f"{remedy}; see {log_file}")
-    raise _explained(log, pov, log_file)
+    raise povray_log.failure(log, pov, log_file, process.returncode)
 
 
 def _end_with_us() -> None:
@@ -217,60 +214,10 @@ def _kill(process: subprocess.Popen) -> None:
     process.wait()
 
 
-def _explained(log: str, pov: Path, log_file: Path) -> InputError:
-    """POV-Ray's own error, and the template line it comes from."""
-    match = re.search(r"File '([^']*)'\s+line\s+(\d+):\s+(.*?)(?:\n\n|\Z)", log, re.S)
-    see = f"see {log_file}, which begins with the command"
-    if not match:
-        lines = [line for line in log.splitlines() if "error" in line.lower()] or log.splitlines()[-1:]
-        return InputError(f"POV-Ray failed: {lines[0] if lines else 'it said nothing'}", place=str(pov),
-                          remedy=see)
-    line, message = int(match.group(2)), match.group(3)
-    message = re.sub(r"\s+", " ", message).removeprefix("Parse Error: ").partition(" Fatal error")[0].strip()
-    emitted = pov.read_text(errors="replace").splitlines()
-    return InputError(f"POV-Ray: {message} ({pov}:{line})",
-                      place=template_place(emitted, line) or f"{pov}:{line}",
-                      remedy=f"mend this line of the template; {see}")
-
-
-def warnings(log: str, pov: Path) -> list[str]:
-    """What POV-Ray warned of, each once and with its template line; `HARMLESS` ones are left out."""
-    found: dict[str, None] = {}
-    emitted = pov.read_text(errors="replace").splitlines() if pov.exists() else []
-    # its lines are broken at 80 columns and go on after a space
-    for match in re.finditer(r"(?:^File '[^']*'\s+line\s+(\d+):\s+)?\b(?:[A-Z]\w+ )?Warning: (.*(?:\n .*)*)",
-                             log, re.M):
-        line, text = int(match.group(1) or 0), " ".join(match.group(2).split())
-        if not text.startswith(HARMLESS):
-            place = template_place(emitted, line) if emitted and line else None
-            found[f"{place or (f'{pov}:{line}' if line else pov)}: POV-Ray: {text}"] = None
-    return list(found)
-
-
 def warnings_beside(image: Path, pov: Path) -> list[str]:
     """Warnings of the render that made `image`, by the log that stands beside it."""
     log = image.with_suffix(".log")
-    return warnings(log.read_text(errors="replace"), pov) if log.exists() else []
-
-
-def template_place(emitted: list[str], line: int) -> str | None:
-    """FILE:LINE of the template that a line of a `.pov` file was written from, by its marker and text."""
-    marker = re.compile(r"^\s*// ---- (\S+)$")
-    wanted = emitted[min(line, len(emitted)) - 1].strip()
-    candidates: list[str] = []
-    for text in reversed(emitted[:line]):
-        found = marker.match(text)
-        if found and found.group(1) not in candidates:
-            candidates.append(found.group(1))
-    for name in candidates:
-        path = Path(name) if Path(name).is_absolute() else paths.PROJECT / name
-        if not path.is_file():
-            path = Path(name)
-        if path.is_file():
-            for number, text in enumerate(path.read_text(errors="replace").splitlines(), 1):
-                if text.strip() == wanted and wanted:
-                    return f"{name}:{number}"
-    return candidates[0] if candidates else None
+    return povray_log.warnings(log.read_text(errors="replace"), pov) if log.exists() else []
 
 
 def _confined_home(folder: Path, pov: Path) -> Path:

@@ -56,9 +56,10 @@ def run(build: Build) -> None:
     manifest = manifest_of(build, artefacts, parameters, seconds, errors)
     write_json(build.manifest, manifest)
 
+    told = notices(artefacts) + [{"stage": "render", "text": text} for text in manifest["povray_warnings"]]
     pictures = _pictures(build, artefacts["plan"], radiance, depth, drawn, exposure)
     text = page(
-        build, pictures=pictures, notices=notices(artefacts),
+        build, pictures=pictures, notices=told,
         lights=light_rows(artefacts["illumination"], read_json(build.input("gains"))),
         suns=sun_rows(artefacts["suns"]), camera=camera_facts(scene.camera, artefacts["camera"]),
         residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, scene.camera, depth),
