@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import uuid
 from contextlib import contextmanager
@@ -9,6 +10,8 @@ from pathlib import Path
 from typing import Iterator
 
 from pipeline.errors import InputError
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
@@ -25,8 +28,16 @@ def replacing(path: Path) -> Iterator[Path]:
         yield partial
         os.replace(partial, path)
     except OSError as error:
-        raise InputError(f"cannot write the file: {error.strerror or error}",
-                         remedy="check that its folder exists, is writable and has space left",
+        remedy = ("free some space and run again" if error.errno in NO_SPACE
+                  else "check that its folder exists, is writable and has space left")
+        raise InputError(f"cannot write the file: {error.strerror or error}", remedy=remedy,
                          place=str(path)) from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_error(path: Path, size: int, said: str) -> OSError:
+    """Why a library could not write `size` bytes to `path`: a full disk, which it does not tell apart, or what it said."""
+    disk = os.statvfs(path.parent)
+    full = disk.f_bavail * disk.f_frsize < size
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) if full else OSError(said)

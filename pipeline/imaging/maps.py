@@ -15,7 +15,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from pipeline.errors import InputError
-from pipeline.imaging.atomic import replacing
+from pipeline.imaging.atomic import replacing, write_error
 from pipeline.imaging.oiio_error import oiio_error
 
 Metadata = Mapping[str, "str | int | float | tuple[float, ...]"]
@@ -45,19 +45,19 @@ def write_map(path: str | os.PathLike, array: np.ndarray, metadata: Metadata = {
         succeeded = output.open(str(partial), spec) and output.write_image(np.ascontiguousarray(values))
         succeeded = output.close() and succeeded
         if not succeeded:
-            raise OSError(output.geterror())
+            raise write_error(partial, values.nbytes, output.geterror())
         # the writer says nothing of what its last buffer could not hold (measured with OpenEXR by OIIO 3.2)
         written = oiio.ImageInput.open(str(partial))
         if written is None or written.read_scanlines(height - 1, height, 0, 0, channels) is None:
             oiio.geterror()
-            raise OSError("it ends early, as on a full disk")
+            raise write_error(partial, values.nbytes, "it ends early, as on a full disk")
 
 
-def read_map(path: str | os.PathLike) -> np.ndarray:
+def read_map(path: str | os.PathLike, size: tuple[int, int] | None = None) -> np.ndarray:
     """The map at `path`: (H, W, 3) float32 of the channels R, G, B, or (H, W) of a single Y, Z or other.
 
     Half floats, as POV-Ray writes them, are widened; an alpha beside R, G, B is left out. Raises
-    `InputError` for a missing, damaged or otherwise organised file.
+    `InputError` for a missing, damaged or otherwise organised file, and for one of another `size` (H, W).
     """
     source = _opened(Path(path))
     spec = source.spec()
@@ -69,6 +69,9 @@ def read_map(path: str | os.PathLike) -> np.ndarray:
     else:
         raise InputError(f"a map with the channels {', '.join(names)}",
                          remedy="a map has R, G, B or a single channel", place=str(path))
+    if size is not None and (spec.height, spec.width) != tuple(size):
+        raise InputError(f"a map of {spec.width}x{spec.height} pixels, not {size[1]}x{size[0]}",
+                         remedy="delete it and run the pipeline again", place=str(path))
     values = source.read_image(0, 0, 0, spec.nchannels, "float")
     if values is None or source.has_error:
         raise InputError(f"truncated or damaged map ({oiio_error(source)})",

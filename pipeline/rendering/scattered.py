@@ -74,9 +74,10 @@ class Scattered:
             self.medium = _Remembering(self.medium, self.scene.camera.position)
         self.strengths = read_strengths(build)
         self.runs = {data["id"]: from_json(data) for data in read_json(build.plan)["runs"]}
-        self.depth = read_map(build.depth).astype(float)
+        size = self.scene.camera.height, self.scene.camera.width
+        self.depth = read_map(build.depth, size).astype(float)
         self.extinction = np.add(*self.medium.coefficients())
-        surfaces = read_map(build.surfaces)
+        surfaces = read_map(build.surfaces, size)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
         self.in_scattering_size = read_json(build.input("render"))["in_scattering_size"]

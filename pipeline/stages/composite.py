@@ -29,8 +29,11 @@ def run(build: Build) -> None:
         lights, strengths = read_json(build.illumination)["lights"], read_strengths(build)
         shown = {index: strengths[name] for index, (name, light) in enumerate(lights.items())
                  if light["quantity"] == "radiance"}
-        radiance = with_restored_lamps(radiance, photograph.clipped, read_map(build.surfaces)[..., 1], shown)
-    foggy = composite(radiance, read_map(build.transmittance), read_map(build.in_scattering()))
+        emitter = read_map(build.surfaces, radiance.shape[:2])[..., 1]
+        radiance = with_restored_lamps(radiance, photograph.clipped, emitter, shown)
+    # of another size they would be stretched in silence where they have one row, column or pixel
+    foggy = composite(radiance, *(read_map(path, radiance.shape[:2])
+                                  for path in (build.transmittance, build.in_scattering())))
     foggy = foggy.astype(np.float32)
     if photograph.suffix != ".exr":
         write_map(build.foggy(".exr"), foggy, metadata)
