@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.errors import InputError
 from pipeline.plugins.base import Medium
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, Run, farthest_seen
@@ -153,7 +154,11 @@ def as_json(run: Run) -> dict[str, Any]:
 
 
 def from_json(data: dict[str, Any]) -> Run:
-    return Run(**data)
+    try:
+        return Run(**data)
+    except TypeError as error:
+        raise InputError(f"a run is not as this version of the pipeline plans it ({error})", place="plan.json",
+                         remedy="remove the scene's build folder and run make again") from None
 
 
 def _grid(scene: PlacedScene, count: int = 24) -> tuple[np.ndarray, np.ndarray]:

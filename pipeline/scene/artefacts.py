@@ -32,7 +32,9 @@ REMAKE = "remove the scene's build folder and run make again"
 class Artefact(dict):
     """A JSON object of the build folder: a key that another version did not write is said in one line."""
 
-    path = Path()
+    def __init__(self, stated: dict, path: Path):
+        super().__init__(stated)
+        self.path = path
 
     def __missing__(self, key):
         raise InputError(f"holds no '{key}': another version of the pipeline wrote it", place=str(self.path),
@@ -55,17 +57,13 @@ def write_json_if_changed(path: Path, value: Any) -> bool:
 
 def read_json(path: Path) -> Any:
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"), object_hook=lambda stated: Artefact(stated, path))
     except FileNotFoundError:
         raise InputError("no such file", place=str(path),
                          remedy="run the stages before this one, or all of them: make scene=NAME") from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy=REMAKE) from None
-    if isinstance(value, dict):
-        value = Artefact(value)
-        value.path = path
-    return value
 
 
 def scene_place(build: Build, *keys: str) -> str:
