@@ -190,7 +190,8 @@ $(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
-$(S)/illumination.json: $(call beside,$(S)/albedo.exr) $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
+$(S)/illumination.json: $(call beside,$(S)/albedo.exr $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
+  $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
@@ -200,7 +201,8 @@ $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_file
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
   $(filter-out $(clear_templates) $(closure_templates),$(templates)) pipeline/rendering/emit.py $(call code,emit,$(geometry))
 	$(run) emit
-$(O)/runs/done.json: $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
+$(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(wildcard $(O)/pov/*.pov))) \
+  $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(run) render
 $(O)/maps.json: $(call beside,$(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
   $(call code,decompose,$(geometry) physics)

@@ -17,7 +17,7 @@ from pipeline.imaging import photograph as photographs
 from pipeline.imaging import photograph_writing
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.scene.artefacts import FORMAT, read_json, write_json
-from tests.test_make import Made, fresh, original, scene, stages  # noqa: F401: fixtures
+from tests.test_make import Made, fresh, original, rendered, scene, stages  # noqa: F401: fixtures
 
 PROJECT = Path(__file__).resolve().parent.parent
 NOBODY = 65534
@@ -193,7 +193,8 @@ def test_build_of_an_older_version(scene):  # noqa: F811
 @pytest.mark.parametrize("artefact, key, stage", [
     ("plan", "runs", "render"), ("plan", "lights", "decompose"), ("geometry", "lights", "illumination"),
     ("camera", "width_pixel", "geometry"), ("illumination", "lights", "decompose"),
-    ("sun_direction", "suns", "illumination"),
+    ("sun_direction", "suns", "illumination"), ("illumination", "lights.lamp.strength", "decompose"),
+    ("plan", "runs.0.kind", "emit"),
 ])
 def test_missing_key(artefact, key, stage, original, tiny_scene, capfd):  # noqa: F811
     """By hand, without make: a line that names the file and what it lacks."""
@@ -202,7 +203,42 @@ def test_missing_key(artefact, key, stage, original, tiny_scene, capfd):  # noqa
     shutil.copytree(original.root / "build", tiny_scene.root / "build")
     path = getattr(tiny_scene.build, artefact)
     stated = json.loads(path.read_text())
-    del stated[key]
+    *parents, key = [int(word) if word.isdecimal() else word for word in key.split(".")]
+    inner = stated
+    for parent in parents:
+        inner = inner[parent]
+    del inner[key]
     path.write_text(json.dumps(stated))
     message = one_line(tiny_scene.run(stage), capfd.readouterr().err)
-    assert str(path) in message and key in message and "remove the scene's build folder" in message
+    assert path.name in message and key in message and "remove the scene's build folder" in message
+
+
+@pytest.mark.parametrize("name, stage", [("depth.exr", "decompose"), ("surfaces.exr", "decompose"),
+                                         ("transmittance.exr", "composite"), ("in_scattering.exr", "composite")])
+@pytest.mark.parametrize("size", [(1, 1), (9, 24)], ids=lambda size: f"{size[1]}x{size[0]}")
+def test_map_of_another_size(name, stage, size, scene, capfd):  # noqa: F811
+    """One pixel would stand for all of them, and nobody would notice."""
+    path = scene.build.out / name
+    older = read_map(path)
+    write_map(path, np.resize(older, (*size, *older.shape[2:])))
+    message = one_line(scene.run(stage), capfd.readouterr().err)
+    assert f"{path}: a map of {size[1]}x{size[0]} pixels, not 24x18; delete it and run the pipeline again" in message
+
+
+@pytest.mark.parametrize("name, first", [("runs/transmittance_bulb.exr", "render"),
+                                         ("basis/irradiance_lamp.exr", "illumination")])
+def test_deleted_render_is_made_again(name, first, scene):  # noqa: F811
+    """As the line about a damaged picture advises."""
+    (scene.build.shared / name).unlink()
+    assert scene.would_run()[0] == first
+    said = scene.made(str(scene.build.maps))
+    assert stages(said)[0] == first and rendered(said) == [Path(name).stem]
+    assert scene.would_run(str(scene.build.maps)) == []
+
+
+def test_render_of_a_light_that_is_gone_goes(scene):  # noqa: F811
+    text = scene.file.read_text()
+    start, end = text.index("  bulb:\n"), text.index("fog:\n")
+    scene.file.write_text(text[:start] + text[end:])
+    assert scene.run("resolve", "geometry", "sun_direction", "illumination") == 0
+    assert {path.stem for path in scene.build.basis.glob("irradiance_*")} == {"irradiance_lamp"}

@@ -42,7 +42,9 @@ def run(build: Build) -> None:
     for planned in wanted:
         render(build, planned, emit(planned, scene, templates))
         runs[planned.id] = as_json(planned)
-    build.basis.mkdir(parents=True, exist_ok=True)
+    for old in build.basis.glob("irradiance_*"):
+        if old.stem not in runs:
+            old.unlink()  # of a light that is no more: Make looks whether each has its picture
     write_json(build.basis / "runs.json", runs)
 
     given = {name: s for name, s in read_json(build.input("strengths")).items() if s is not None}
