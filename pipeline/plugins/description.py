@@ -10,27 +10,31 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.geometry.camera import Camera
+from pipeline.plugins.lights.area import Area
 from pipeline.plugins.base import Light, Medium
+
+
+#: A lamp that lies in the ceiling is put so far [m] in front of it, or rounding would decide which is seen.
+LIFT = 1e-3
 
 
 @dataclass(frozen=True)
 class Face:
-    """A planar polygon, or vertices and triangles (m, 3); corners (n, 3) [m], diffuse albedo (3,). room: seen from inside."""
+    """A surface: vertices (n, 3) [m], triangles (m, 3) of their indices, diffuse albedo (3,)."""
 
     name: str
-    corners: np.ndarray
+    vertices: np.ndarray
+    triangles: np.ndarray
     albedo: np.ndarray
-    room: bool = False
-    triangles: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Description:
     """One render: what = foggy | in_scattering | transmittance | clear.
 
-    in_scattering: black surfaces, light scattered once. transmittance: white surfaces, fog that only absorbs and
-    lies on the light's way alone; clear: the same without fog. The eye's way is exp(-optical depth), which
-    sampling would only make noisy. lights: plugin and strength (3,) by name. bounds: corners (2, 3) [m] of the fog.
+    in_scattering: black surfaces, light scattered once. transmittance: white surfaces, fog that only absorbs,
+    where the language allows on the light's way alone, for the eye's is exp(-optical depth), which sampling would only
+    make noisy; clear: the same without fog. lights: plugin and strength (3,) by name. bounds: corners (2, 3) [m] of the fog.
     shafts: closed convex hulls, vertices (n, 3) and outward triangles (m, 3), outside which nothing scatters.
     """
 
@@ -42,3 +46,24 @@ class Description:
     bounds: np.ndarray
     shafts: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+
+    def reflectance(self, face: Face) -> np.ndarray:
+        """Albedo (3,) that the face has in this render."""
+        return {"in_scattering": np.zeros(3), "foggy": face.albedo}.get(self.what, np.ones(3))
+
+    def density(self, cells: int) -> np.ndarray:
+        """Relative density (z, y, x) at the centres of so many cells along each axis of `bounds`."""
+        low, high = self.bounds
+        x, y, z = (low[k] + (np.arange(cells) + 0.5) / cells * (high[k] - low[k]) for k in range(3))
+        z, y, x = np.meshgrid(z, y, x, indexing="ij")
+        return self.medium.density(np.stack([x, y, z], -1))
+
+
+def fan(count: int) -> np.ndarray:
+    """Triangles (count - 2, 3) of a convex polygon."""
+    return np.array([(0, i, i + 1) for i in range(1, count - 1)])
+
+
+def emitter(light: Area) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) [m] and triangles of an area light, counter-clockwise seen from its lit side."""
+    return light.outline.polygon + LIFT * light.normal, fan(len(light.outline.polygon))

@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.geometry.shaft import shaft_hulls
-from pipeline.plugins.base import Exporter, Medium
-from pipeline.plugins.description import Description, Face
+from pipeline.plugins.base import Exporter, Medium, Shape
+from pipeline.plugins.description import Description, Face, fan
 from pipeline.plugins.lights.sun import Sun
 from pipeline.scene.placed import PlacedScene
 
 #: Share of the scene's size by which the fog's border lies beyond the walls, so that no two surfaces coincide.
 MARGIN = 1e-4
+
+
+#: Of a surface of which nothing is known.
+ALBEDO = [0.5, 0.5, 0.5]
 
 
 def describe(what: str, scene: PlacedScene, medium: Medium, strengths: dict[str, np.ndarray], lights: list[str],
@@ -33,8 +37,8 @@ def describe(what: str, scene: PlacedScene, medium: Medium, strengths: dict[str,
         polygons = shape.faces()
         mesh = shape.statement() if "triangles" in shape.statement() else None
         if mesh:
-            faces.append(Face(f"{name}.surface", np.asarray(mesh["vertices"], float),
-                              np.array(albedos.get(f"{name}.surface", [0.5] * 3)), False, np.asarray(mesh["triangles"])))
+            faces.append(Face(f"{name}.surface", np.asarray(mesh["vertices"], float), np.asarray(mesh["triangles"]),
+                              _albedo(shape, albedos, f"{name}.surface")))
             continue
         middle = np.mean([p.mean(0) for p in polygons.values()], axis=0)
         for face, corners in polygons.items():
@@ -47,8 +51,8 @@ def describe(what: str, scene: PlacedScene, medium: Medium, strengths: dict[str,
             # a camera outside an open box looks through its near side
             if room and inward @ (scene.camera.position - corners.mean(0)) < 0:
                 continue
-            faces.append(Face(f"{name}.{face}", corners, np.array(albedos.get(f"{name}.{face}", [0.5] * 3)), room))
-    points = np.concatenate([c for _, c in scene.faces()] + [f.corners for f in faces]
+            faces.append(Face(f"{name}.{face}", corners, fan(len(corners)), _albedo(shape, albedos, f"{name}.{face}")))
+    points = np.concatenate([c for _, c in scene.faces()] + [f.vertices for f in faces]
                             + [p for p in (light.emitting_polygon() for light in scene.lights.values()) if p is not None]
                             + [scene.camera.position[None]])
     margin = MARGIN * np.ptp(points, axis=0).max()
@@ -59,3 +63,8 @@ def describe(what: str, scene: PlacedScene, medium: Medium, strengths: dict[str,
                   for hull in shaft_hulls(opening.window.polygon, [p.polygon for p in opening.patches], name)]
     return Description(what, scene.camera, faces, {name: (scene.lights[name], strengths[name]) for name in kept},
                        medium, bounds, shafts, left_out)
+
+
+def _albedo(shape: Shape, albedos: dict[str, list[float]], face: str) -> np.ndarray:
+    """Diffuse albedo (3,) of a face: as estimated, else as stated."""
+    return np.array(albedos.get(face, shape.albedo or ALBEDO))

@@ -8,11 +8,9 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.geometry.planes import polygon_normal
 from pipeline.plugins.base import Exporter, parameter
+from pipeline.plugins.description import emitter
 
-#: A lamp that lies in the ceiling is put so far [m] in front of it, or rounding would decide which is seen.
-LIFT = 1e-3
 HEAD = """Fog scene `{name}` ({what}) for Mitsuba 3: mitsuba -m scalar_rgb {name}.xml
 Metres, right-handed, y up. Photo units: 1 is the photograph's white; linear Rec.709. The camera looks along its
 own +z with x to the left. max_depth counts segments of a path: 2 is light scattered or reflected once, -1 all orders.
@@ -42,11 +40,10 @@ class Mitsuba(Exporter):
             body += self._media(name, d, files)
         body.append(self._sensor(d))
         for i, face in enumerate(d.faces):
-            albedo = {"in_scattering": np.zeros(3), "foggy": face.albedo}.get(d.what, np.ones(3))
-            files[f"{name}_face{i}.obj"] = _obj(face.corners, _fan(len(face.corners)) if face.triangles is None else face.triangles)
+            files[f"{name}_face{i}.obj"] = _obj(face.vertices, face.triangles)
             media = '<ref name="interior" id="fog"/><ref name="exterior" id="fog"/>' if d.what == "transmittance" else ""
             body.append(f'<!-- {escape(face.name).replace("--", "-")} -->\n{_shape(f"{name}_face{i}.obj")}'
-                        f'<bsdf type="twosided"><bsdf type="diffuse">{_rgb("reflectance", albedo)}</bsdf></bsdf>{media}</shape>')
+                        f'<bsdf type="twosided"><bsdf type="diffuse">{_rgb("reflectance", d.reflectance(face))}</bsdf></bsdf>{media}</shape>')
         for i, (light, strength) in enumerate(d.lights.values()):
             body.append(self._light(f"{name}_light{i}.obj", light, strength, files))
         head = HEAD.format(name=name, what=d.what, left_out="; ".join(d.left_out) or "nothing").replace("--", "-")
@@ -78,7 +75,7 @@ class Mitsuba(Exporter):
         scatters = d.what in ("foggy", "in_scattering")
         density = None
         if d.medium.render_step() < np.inf:
-            density = self._density(d)
+            density = d.density(self.grid_cells)
             files[f"{name}_density.vol"] = _vol(density[..., None] * extinction / max(extinction.max(), 1e-300), d.bounds)
 
         def one(identity, albedo):
@@ -105,21 +102,10 @@ class Mitsuba(Exporter):
                             '<ref name="exterior" id="fog"/></shape>')
         return body
 
-    def _density(self, d):
-        """Relative density (z, y, x) at the centres of cells."""
-        n = self.grid_cells
-        axes = [d.bounds[0, k] + (np.arange(n) + 0.5) / n * (d.bounds[1, k] - d.bounds[0, k]) for k in range(3)]
-        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-        return d.medium.density(np.stack([x, y, z], -1))
-
     def _light(self, file, light, strength, files):
         kind = light.type_name()
         if kind == "area":
-            polygon = light.outline.polygon + LIFT * light.normal
-            triangles = _fan(len(polygon))
-            if polygon_normal(polygon) @ light.normal < 0:
-                triangles = [t[::-1] for t in triangles]
-            files[file] = _obj(polygon, triangles)
+            files[file] = _obj(*emitter(light))
             return (f'{_shape(file)}<bsdf type="diffuse">{_rgb("reflectance", np.zeros(3))}</bsdf>'
                     f'<emitter type="area">{_rgb("radiance", strength)}</emitter></shape>')
         if kind == "point":
@@ -152,10 +138,6 @@ def _point(name, point):
 
 def _shape(file):
     return f'<shape type="obj"><string name="filename" value={quoteattr(file)}/><boolean name="face_normals" value="true"/>'
-
-
-def _fan(count):
-    return [(0, i, i + 1) for i in range(1, count - 1)]
 
 
 def _obj(vertices, triangles):

@@ -7,11 +7,9 @@ from typing import Literal
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.geometry.planes import polygon_normal
 from pipeline.plugins.base import Exporter, parameter
+from pipeline.plugins.description import emitter
 
-#: A lamp that lies in the ceiling is put so far [m] in front of it, or rounding would decide which is seen.
-LIFT = 1e-3
 HEAD = """# Fog scene `{name}` ({what}) for pbrt-v4: pbrt {name}.pbrt
 # Metres, y up; photo units: 1 is the photograph's white; linear Rec.709. The camera's matrix leads from the world,
 # right-handed, to pbrt's camera, left-handed: x right, y up, z forward. The film's exposure time and ISO are such that
@@ -48,11 +46,9 @@ class Pbrt(Exporter):
         if fog:
             lines.append('MediumInterface "" "fog"')
         for face in d.faces:
-            albedo = {"in_scattering": np.zeros(3), "foggy": face.albedo}.get(d.what, np.ones(3))
-            triangles = _fan(len(face.corners)) if face.triangles is None else face.triangles
             lines += [f"# {face.name}", "AttributeBegin",
-                      f'  Material "diffuse" "rgb reflectance" [ {_numbers(albedo)} ]',
-                      f"  {_mesh(face.corners, triangles)}", "AttributeEnd"]
+                      f'  Material "diffuse" "rgb reflectance" [ {_numbers(d.reflectance(face))} ]',
+                      f"  {_mesh(face.vertices, face.triangles)}", "AttributeEnd"]
         for light, strength in d.lights.values():
             lines += ["AttributeBegin", *(f"  {line}" for line in self._light(light, strength)), "AttributeEnd"]
         return {f"{name}.pbrt": "\n".join(lines) + "\n"}
@@ -81,10 +77,7 @@ class Pbrt(Exporter):
                  ' "float scale" [ 1 ]')
         if d.medium.render_step() == np.inf:
             return f'MakeNamedMedium "fog" "string type" [ "homogeneous" ] {sigma}'
-        n = self.grid_cells
-        axes = [d.bounds[0, k] + (np.arange(n) + 0.5) / n * (d.bounds[1, k] - d.bounds[0, k]) for k in range(3)]
-        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-        density = d.medium.density(np.stack([x, y, z], -1))
+        n, density = self.grid_cells, d.density(self.grid_cells)
         return (f'MakeNamedMedium "fog" "string type" [ "uniformgrid" ] {sigma} "integer nx" [ {n} ] "integer ny" [ {n} ]'
                 f' "integer nz" [ {n} ] "point3 p0" [ {_numbers(d.bounds[0])} ] "point3 p1" [ {_numbers(d.bounds[1])} ]'
                 f' "float density" [ {" ".join(f"{v:.6g}" for v in density.ravel())} ]')
@@ -92,13 +85,9 @@ class Pbrt(Exporter):
     def _light(self, light, strength):
         kind = light.type_name()
         if kind == "area":
-            polygon = light.outline.polygon + LIFT * light.normal
-            triangles = _fan(len(polygon))
-            if polygon_normal(polygon) @ light.normal < 0:
-                triangles = [t[::-1] for t in triangles]
             return ['Material "diffuse" "rgb reflectance" [ 0 0 0 ]',
                     f'AreaLightSource "diffuse" "rgb L" [ {_numbers(strength)} ] "bool twosided" [ false ]',
-                    _mesh(polygon, triangles)]
+                    _mesh(*emitter(light))]
         if kind == "point":
             return [f'LightSource "point" "point3 from" [ {_numbers(light.position.point)} ] "rgb I" [ {_numbers(strength)} ]']
         # pbrt's falloff is a smoothstep of the cosine, as ours is
@@ -109,10 +98,6 @@ class Pbrt(Exporter):
 
 def _numbers(values) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
-
-
-def _fan(count: int) -> list[tuple[int, int, int]]:
-    return [(0, i, i + 1) for i in range(1, count - 1)]
 
 
 def _mesh(vertices, triangles) -> str:
