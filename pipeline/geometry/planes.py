@@ -90,20 +90,28 @@ def polygon_area(points: np.ndarray) -> float:
     return float(np.linalg.norm(polygon_area_vector(_in_space(points))))
 
 
+def diagonals_crossing(points: np.ndarray) -> np.ndarray | None:
+    """Where the diagonals (3,) [m] of a convex quadrilateral (4, 3) meet; None of any other polygon (N, 3)."""
+    if len(points) != 4:
+        return None
+    one, other = points[2] - points[0], points[3] - points[1]
+    normal = np.cross(one, other)
+    squared = normal @ normal
+    if not squared > 0:
+        return None
+    along, across = (np.cross(points[1] - points[0], v) @ normal / squared for v in (other, one))
+    return points[0] + along * one if 0 < along < 1 and 0 < across < 1 else None
+
+
 def polygon_midpoint(points: np.ndarray) -> np.ndarray:
     """Middle (3,) [m] of a planar polygon (N, 3): where the diagonals of a convex quadrilateral meet, else its centroid.
 
     Zhao et al. 2013, section 4.2, take the former for a light source.
     """
     points = np.asarray(points, float)
-    if len(points) == 4:
-        one, other = points[2] - points[0], points[3] - points[1]
-        normal = np.cross(one, other)
-        squared = normal @ normal
-        if squared > 0:
-            along, across = (np.cross(points[1] - points[0], v) @ normal / squared for v in (other, one))
-            if 0 < along < 1 and 0 < across < 1:
-                return points[0] + along * one
+    crossing = diagonals_crossing(points)
+    if crossing is not None:
+        return crossing
     relative = points - points[0]
     normal = polygon_area_vector(points)
     parts = np.cross(relative[1:-1], relative[2:]) @ normal

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.geometry.planes import polygon_area, polygon_midpoint
+from pipeline.geometry.planes import diagonals_crossing, polygon_area, polygon_midpoint
 from pipeline.physics.emitters import polygon_cells
 
 #: Nodes along the ray and across the lamp, refined where a level differs from the one before.
@@ -22,8 +22,8 @@ TOLERANCE = 5e-3
 #: Points evaluated at once: some hundred megabytes.
 CHUNK = 2_000_000
 
-#: (points (..., 3), from or to) -> optical depth by one extinction; density at points (...).
-Depths = Callable[[np.ndarray, np.ndarray], np.ndarray]
+#: Integral (...) [m] of the fog's relative density between points (..., 3) and (..., 3).
+Path = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def solid_angle(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
@@ -42,26 +42,26 @@ def solid_angle(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
 
 
 def in_scattering(polygon: np.ndarray, normal: np.ndarray, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray,
-                  density: Callable[[np.ndarray], np.ndarray], path: Depths, phase: Callable[[np.ndarray], np.ndarray],
+                  density: Callable[[np.ndarray], np.ndarray], path: Path, phase: Callable[[np.ndarray], np.ndarray],
                   extinction: np.ndarray, scattering: np.ndarray) -> np.ndarray:
     """V (n, 3) of unit radiance along rays from `eye` (3,), unit `directions` (n, 3), up to `depth` (n,) [m].
 
-    polygon (k, 3) [m] shines to the side of `normal` (3,). density(points): relative density of the fog; path(a, b):
-    its integral [m] between points; phase(cosine) [1/sr]; extinction, scattering (3,) [1/m].
+    polygon (k, 3) [m] shines to the side of `normal` (3,). density(points): relative density of the fog;
+    phase(cosine) [1/sr]; extinction, scattering (3,) [1/m].
     """
     values, channel = np.unique(extinction, return_inverse=True)
     near, far = _lit(polygon[0], normal, eye, directions, depth)
     result = np.zeros((len(depth), len(values)))
     open_ = np.nonzero(far > near)[0]
-    before = None
+    before, convex = None, diagonals_crossing(polygon) is not None
     for nodes, count in LEVELS:
-        parts = _Quadrilateral(polygon, normal, count) if len(polygon) == 4 else _Cells(polygon, count)
+        if not len(open_):
+            break
+        parts = _Quadrilateral(polygon, normal, count) if convex else _Cells(polygon, count)
         rays = max(1, CHUNK // (2 * nodes * count**2))
         found = np.concatenate([_along(polygon, normal, parts, eye, directions[one], near[one], far[one],
                                        nodes, density, path, phase, values)
-                                for one in np.split(open_, range(rays, len(open_), rays))]) if len(open_) else None
-        if found is None:
-            break
+                                for one in np.split(open_, range(rays, len(open_), rays))])
         result[open_] = found
         if before is not None:
             rough = (np.abs(found - before) > TOLERANCE * np.abs(found)).any(-1)

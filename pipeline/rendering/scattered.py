@@ -156,8 +156,7 @@ class Scattered:
             return np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
         if light not in self.glows:
             small = camera.resized(width, height)
-            depth = self._solid_depth(width, height)
-            depth = np.where(np.isfinite(depth), depth, float(view.full_depth.max()))
+            depth = self._solid_depth(width, height, view)
             self.glows[light] = one.in_scattering(self.medium, eye, small.directions(small.pixel_centres()), depth)
         return self._resampled(self.glows[light], view)
 
@@ -173,17 +172,17 @@ class Scattered:
     def _resampled(self, values: np.ndarray, view: View) -> np.ndarray:
         """What was rendered at any size, at the view's pixels."""
         if values.shape[:2] != self.depth.shape:
-            coarse_depth = self._solid_depth(values.shape[1], values.shape[0])
-            coarse_depth = np.where(np.isfinite(coarse_depth), coarse_depth, float(view.full_depth.max()))
+            coarse_depth = self._solid_depth(values.shape[1], values.shape[0], view)
             values = upsample(values, coarse_depth, view.full_depth)
         return values[view.where]
 
-    def _solid_depth(self, width: int, height: int) -> np.ndarray:
-        """Depth [m] of what the renders of this size saw."""
+    def _solid_depth(self, width: int, height: int, view: View) -> np.ndarray:
+        """Depth [m] of what the renders of this size saw; where that is nothing, the view's farthest."""
         if (width, height) not in self.solid_depths:
             camera = self.scene.camera.resized(width, height)
             self.solid_depths[width, height] = visible(camera, self.scene.shapes, self.scene.lights)[0]
-        return self.solid_depths[width, height]
+        depth = self.solid_depths[width, height]
+        return np.where(np.isfinite(depth), depth, float(view.full_depth.max()))
 
     def _transmittance(self, lights: list[str], view: View) -> np.ndarray:
         eye = np.exp(-view.optical_depth)
