@@ -8,27 +8,31 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
+from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.paths import PROJECT, Build
 from pipeline.plugins.annotations import Outline
 from pipeline.plugins.base import registry
+from pipeline.scene.load import load_scene
 from tests.conftest import CHAIN
 from tests.reference import quadrature as q
 from tests.validation.truth import ROOM, SCALE_HEIGHT, Fog, Truth
 
 SIZE = 64
+RECTANGLE = [[-0.25, 1.98, -0.2], [0.25, 1.98, -0.2], [0.25, 1.98, 0.2], [-0.25, 1.98, 0.2]]
 FOGS = [("homogeneous_a0.05_d0.10", 0.05, 0.1, 0.0), ("homogeneous_a0.40_d0.30", 0.4, 0.3, 0.0),
         ("homogeneous_a0.05_d0.10_g0.6", 0.05, 0.1, 0.6), ("homogeneous_a0.05_d0.10_g-0.4", 0.05, 0.1, -0.4),
         ("height_a0.40_d0.40", 0.4, 0.4, 0.0)]
 
 
-def built(folder, fog: str, *settings: str) -> Build:
-    scene = "cornell_height" if fog.startswith("height") else "cornell"
+def built(folder, fog: str | None, *settings: str) -> Build:
+    scene = "cornell_height" if fog and fog.startswith("height") else "cornell"
     shutil.copytree(PROJECT / "scenes" / scene, folder / "scenes" / scene)
     build = Build(scene, fog, folder / "scenes", folder / "build")
     overrides = [part for one in (f"photograph.size={SIZE}", *settings) for part in ("--set", one)]
     for stage in CHAIN:
-        place = ["--scene", scene, "--fog", fog, "--scenes", str(build.scenes), "--build", str(build.builds)]
+        place = ["--scene", scene, *(["--fog", fog] if fog else []), "--scenes", str(build.scenes), "--build",
+                 str(build.builds)]
         assert main([stage, *place, *(overrides if stage == "resolve" else [])]) == 0
     return build
 
@@ -81,8 +85,9 @@ def test_the_composite_is_the_picture_of_fog_and_surfaces(tmp_path):
 
 
 @pytest.mark.parametrize("corners", [
-    [[-0.25, 1.98, -0.2], [0.25, 1.98, -0.2], [0.25, 1.98, 0.2], [-0.25, 1.98, 0.2]],
+    RECTANGLE,
     [[-0.25, 1.98, -0.2], [0.25, 1.98, -0.2], [0.0, 1.98, 0.3]],
+    [[-0.25, 1.98, -0.2], [0.0, 1.98, -0.1], [0.25, 1.98, -0.2], [0.0, 1.98, 0.3]],    # concave
 ])
 @pytest.mark.parametrize("asymmetry", [0.0, 0.8])
 def test_glow_without_shadows(corners, asymmetry):
@@ -102,19 +107,22 @@ def test_glow_without_shadows(corners, asymmetry):
     ours = light.in_scattering(medium, eye, directions, depth)
     rays = q.Rays(eye, directions, depth, -directions, np.zeros(60, bool))
     fog = q.Medium(np.array([0.05, 0.1, 0.2]), 0.1, q.henyey_greenstein(asymmetry))
-    a, b, c = (np.array(corners[k]) for k in (0, 1, 3 if len(corners) == 4 else 2))
-    if len(corners) == 4:
+    quadrilateral = corners == RECTANGLE
+    if quadrilateral:
+        a, b, c = (np.array(corners[k]) for k in (0, 1, 3))
         truth = q.in_scattering(rays, fog, q.RectangleLight(a, b - a, c - a, 1.0), tolerance=1e-4)
     else:
-        truth = _of_small_lights(light, rays, fog)
-    error, quadrilateral = np.abs(ours / truth - 1).max(1), len(corners) == 4
+        # the concave one is two triangles
+        triangles = [corners] if len(corners) == 3 else [[corners[k] for k in (0, 1, 3)], [corners[k] for k in (1, 2, 3)]]
+        truth = sum(_of_small_lights(np.array(one), light.normal, rays, fog) for one in triangles)
+    error = np.abs(ours / truth - 1).max(1)
     assert np.percentile(error, 90) < (0.005 if quadrilateral else 0.01)
     assert error.max() < (0.02 if quadrilateral else 0.06)
 
 
-def _of_small_lights(light, rays, fog):
+def _of_small_lights(corners, normal, rays, fog):
     """V of a triangle as bulbs of its thousandths; rays pass no nearer than a few of them."""
-    corners, n, total = np.asarray(light.outline.points), 32, 0.0
+    n, total = 32, 0.0
     area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])) / 2 / n**2
     for i in range(n):
         for j in range(n - i):
@@ -124,5 +132,30 @@ def _of_small_lights(light, rays, fog):
                 u, v = (i + shift) / n, (j + shift) / n
                 place = corners[0] + u * (corners[1] - corners[0]) + v * (corners[2] - corners[0])
                 total = total + q.in_scattering(rays, fog, q.SpotLight(
-                    place, area, 0.0, light.normal, lambda cosine: np.maximum(cosine, 0), (0.0,)), tolerance=1e-3)
+                    place, area, 0.0, normal, lambda cosine: np.maximum(cosine, 0), (0.0,)), tolerance=1e-3)
     return total
+
+
+def test_another_size_is_refused_where_pixels_are_annotated():
+    with pytest.raises(InputError, match=r"photograph.size = 100 would move what is annotated in pixels"):
+        load_scene(PROJECT / "scenes" / "bathroom" / "scene.yaml", {"photograph.size": "100"})
+    with pytest.raises(InputError, match="would move"):
+        load_scene(PROJECT / "scenes" / "building" / "scene.yaml", {"photograph.size": "100"})
+    load_scene(PROJECT / "scenes" / "cornell" / "scene.yaml", {"photograph.size": "100"})
+
+
+@pytest.mark.parametrize("size", [40, 300])
+def test_another_size_without_fog_is_the_photograph_resampled(tmp_path, size):
+    """Means stay: smaller pixels are averages, larger ones interpolate."""
+    build = built(tmp_path, None, f"photograph.size={size}", "fog.absorption_coefficient=[0,0,0]",
+                  "fog.scattering_coefficient=[0,0,0]")
+    foggy, clear = read_map(build.foggy(".exr")), read_map(build.source / "photograph.exr")
+    assert foggy.shape == (size, size, 3)
+    assert foggy.mean() == pytest.approx(clear.mean(), rel=0.01) and foggy.min() >= 0
+
+
+def test_exports_keep_stated_albedos(tmp_path):
+    build = built(tmp_path, "homogeneous_a0.05_d0.10")
+    place = ["--scene", build.scene, "--fog", build.fog, "--scenes", str(build.scenes), "--build", str(build.builds)]
+    assert main(["export", *place, "--to", "pbrt"]) == 0
+    assert '"rgb reflectance" [ 0.63 0.065 0.05 ]' in (build.export("pbrt") / "foggy.pbrt").read_text()

@@ -16,7 +16,7 @@ import numpy as np
 from pipeline import paths
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
-from pipeline.plugins.base import Medium, Plugin
+from pipeline.plugins.base import Light, Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering.sandbox import FIXED, BoundedEnvironment, in_time, joined
 from pipeline.scene.placed import PlacedScene
@@ -157,12 +157,7 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
         light_facts = {**facts, "exposure": _vector(exposure) if strengths else exposure}
         if strengths:
             lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
-        light = scene.lights[name]
-        if "shadows" in run.options:
-            light = light.shaded_part(camera.position)
-        if "finer" in run.options:
-            light = light.finer(*run.options["finer"])
-        lights.append(templates.of_plugin(light, {**context, "run": light_facts, "name": name}))
+        lights.append(templates.of_plugin(stated_light(run, scene, name), {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
     return templates.render(f"{run.kind}.pov", {
         **context, "blocks": blocks, "albedos": albedos or [],
@@ -172,6 +167,14 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             "down": camera.world_from_camera[:, 1],
             "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
             "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
+
+
+def stated_light(run: Run, scene: PlacedScene, name: str) -> Light:
+    """The light as the run states it: all of it, the part whose shadows are worth a render, or by finer parts."""
+    light = scene.lights[name]
+    if "shadows" in run.options:
+        light = light.shaded_part(scene.camera.position)
+    return light.finer(*run.options["finer"]) if "finer" in run.options else light
 
 
 def write_side_files(folder: Path, medium: Medium) -> list[str]:

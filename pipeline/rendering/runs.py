@@ -76,11 +76,10 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
                          {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
         if not scene.rendered(light):
             continue
-        irradiance = _irradiance(scene, light, points)
+        clear, path = _irradiance(scene, light, points) / np.pi, _path(scene, light, points)
+        level = clear * eye * np.exp(-extinction.mean() * path)
         # the channel that the fog dims least must not overflow
-        brightest = irradiance / np.pi if uneven else (
-            irradiance / np.pi * clearest * np.exp(-extinction.min() * _path(scene, light, points)))
-        level = irradiance / np.pi * eye * np.exp(-extinction.mean() * _path(scene, light, points))
+        brightest = clear if uneven else clear * clearest * np.exp(-extinction.min() * path)
         if not midpoint or one.midpoint() is None:
             finer = one.finer(transmittance_step, float(extinction.max()))
             options = {} if finer is one else {"finer": [transmittance_step, float(extinction.max())]}
@@ -96,8 +95,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             # the shadow edges of many small lights blur one another's steps
             count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
             glow = _in_scattering(scene, medium, light, directions, points)
-            clear = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
-            exposure = _exposure(glow, clear)
+            in_clear_air = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
+            exposure = _exposure(glow, in_clear_air)
             if light in by_template or not one.completes(medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pipeline.errors import InputError
-from pipeline.rendering.emit import Run
+from pipeline.rendering.emit import Run, stated_light
 from pipeline.scene.placed import PlacedScene
 
 
 def light_samples(scene: PlacedScene, run: Run) -> float:
     """Points that a run lights: pixels, samples along the ray, and the small lights that stand for its lights."""
-    lights = sum(scene.lights[name].shaded_part(scene.camera.position).sub_light_count() if "shadows" in run.options
-                 else scene.lights[name].sub_light_count() for name in run.lights)
+    lights = sum(stated_light(run, scene, name).sub_light_count() for name in run.lights)
     return float(run.width) * run.height * run.samples * lights
 
 

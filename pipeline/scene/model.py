@@ -173,9 +173,10 @@ def scene_model() -> type[Model]:
                 raise mistake("neither 'shapes' nor 'depth' is there",
                               "describe a room by 'shapes', the open air by 'depth'")
             if self.photograph.size is not None:
-                parts = {"camera": self.camera, "depth": self.depth, "shapes": self.shapes, "lights": self.lights,
+                parts = {"camera": self.camera, "shapes": self.shapes, "lights": self.lights,
                          "illumination": self.illumination}
-                at = self.depth and ("depth",) or first_in_pixels(parts)
+                whole = [("depth",)] * (self.depth is not None) + [("camera", "fspy")] * (self.camera.fspy is not None)
+                at = next(iter(whole), None) or first_in_pixels(parts)
                 if at:
                     raise mistake(f"photograph.size = {self.photograph.size} would move what is annotated in pixels",
                                   "leave 'photograph.size' out, or state it in metres", at)

@@ -1,7 +1,7 @@
 """T and V of each light against Mitsuba 3 -> crosscheck.json, crosscheck.png.
 
 Both average over the same coarse pixels: ours by area, Mitsuba's by a box filter. T's light paths are rendered there,
-clear and fogged with one seed; its eye path is exp(-optical depth) over Mitsuba's own depth.
+clear and fogged; its eye path is exp(-optical depth) over Mitsuba's own depth.
 Mitsuba's V shows the lamp itself where it is in sight: those pixels are left out, and are white in the picture. Its fog
 is met at random on every way, so that an error as large as the stated noise says nothing: raise the samples then.
 """

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pipeline.errors import InputError
 from pipeline import paths
+from pipeline.errors import InputError
 from pipeline.paths import Build
 from pipeline.physics.bulbs import UNSEEN
 from pipeline.plugins.base import Medium
@@ -45,10 +45,8 @@ def run(build: Build) -> None:
 
 def _of_own_template(build: Build, scene: PlacedScene) -> list[str]:
     """Lights that the scene states by a template of its own: what that says must show."""
-    templates = Templates(build.source)
-    names = {light: scene.lights[light].template_name() for light in scene.lights if scene.rendered(light)}
-    return [light for light, name in names.items()
-            if any((folder / name).is_file() for folder in templates.folders if folder not in (paths.TEMPLATES, paths.INCLUDES))]
+    own = [folder for folder in Templates(build.source).folders if folder not in (paths.TEMPLATES, paths.INCLUDES)]
+    return [name for name, light in scene.lights.items() if any((folder / light.template_name()).is_file() for folder in own)]
 
 
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int

@@ -87,7 +87,8 @@ def _was_demanded(build: Build) -> bool:
 
 def _templates(build: Build) -> dict[str, str]:
     """The scene's own templates by name: one that appears, changes or goes is noticed."""
-    found = [inside(build, str(path.relative_to(build.source))) for pattern in ("*.inc", "*.pov", "report.html") for path in build.source.rglob(pattern)]
+    found = [inside(build, str(path.relative_to(build.source)))
+             for pattern in ("*.inc", "*.pov", "report.html") for path in build.source.rglob(pattern)]
     return {str(path.relative_to(build.source)): _sha256(path, str(path)) for path in sorted(found)
             if path.is_file()}
 

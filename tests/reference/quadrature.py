@@ -76,7 +76,7 @@ def rayleigh(cosine: np.ndarray) -> np.ndarray:
 class Medium:
     """Homogeneous fog: coefficients [1/m], grey (a number) or RGB (3,), and the phase function.
 
-    scale_height [m]: coefficients are times exp(-y / scale_height), not clamped below; rectangle lights only.
+    scale_height [m]: coefficients are times exp(-y / scale_height), not clamped below; not for the sun.
     """
 
     absorption_coefficient: np.ndarray | float
@@ -234,7 +234,8 @@ def _bulb_in_scattering(rays, medium, light, occluders, tolerance, cone, axis, c
     position = np.broadcast_to(np.asarray(light.position, float), (count, 3))
     lines = _Lines(np.broadcast_to(rays.origin, (count, 3)), rays.directions, np.zeros(count), rays.depth)
     return _rgb(light.intensity) * _scattered(medium, count, lambda extinction: _seen_by_points(
-        lines, position, extinction, _Polygons(occluders), factor, tolerance, light.radius, breaks, 1.0))
+        lines, position, extinction, _Polygons(occluders), factor, tolerance, light.radius, breaks, 1.0,
+        medium.scale_height))
 
 
 def rectangle_light_in_scattering(rays: Rays, medium: Medium, light: RectangleLight,
@@ -353,7 +354,8 @@ def direct_irradiance(light: Light, points: np.ndarray, normals: np.ndarray,
     if isinstance(light, SpotLight):
         share = share * light.cone(np.clip(towards @ _unit(light.axis), -1, 1))
     share = share * ~_Polygons(occluders).block(light.midpoint[None], np.ones(1), points)
-    return _rgb(light.intensity) * share[:, None] * np.exp(-extinction * distance[:, None])
+    path = distance * mean_density(light.midpoint[1], points[:, 1], medium and medium.scale_height)
+    return _rgb(light.intensity) * share[:, None] * np.exp(-extinction * path[:, None])
 
 
 def _rectangle_irradiance(light, points, normals, polygons, extinction, tolerance, scale_height=None):
@@ -414,7 +416,7 @@ def transmittance(rays: Rays, medium: Medium, lights: Sequence[Light], occluders
         raise ValueError(f"variant is 'area' or 'midpoint', not {variant!r}")
     extinction = medium.extinction
     with np.errstate(invalid="ignore"):
-        path = rays.depth * _mean_density(rays.origin[1], rays.points()[:, 1], medium.scale_height)
+        path = rays.depth * mean_density(rays.origin[1], rays.points()[:, 1], medium.scale_height)
         eye = np.where(extinction == 0, 1.0, np.exp(-extinction * path[:, None]))
     surface = rays.surface()
     points, normals = rays.points(surface), rays.normals[surface]
@@ -426,7 +428,7 @@ def transmittance(rays: Rays, medium: Medium, lights: Sequence[Light], occluders
             foggy += direct_irradiance(light, points, normals, occluders, medium, tolerance)
         else:
             distance = np.linalg.norm(points - light.midpoint, axis=1)
-            distance = distance * _mean_density(light.midpoint[1], points[:, 1], medium.scale_height)
+            distance = distance * mean_density(light.midpoint[1], points[:, 1], medium.scale_height)
             foggy += without * np.exp(-extinction * distance[:, None])
     with np.errstate(invalid="ignore"):
         eye[surface] *= foggy / clear
@@ -652,10 +654,10 @@ def _seen_by_points(lines: _Lines, points, extinction, polygons, factor, toleran
             if scale_height is not None:
                 base = point[which, 1][:, None]
                 height = base + perpendicular[which, 1][:, None] + s * piece.direction[which, 1][:, None]
-                path = distance * _mean_density(base, height, scale_height)
+                path = distance * mean_density(base, height, scale_height)
                 if eye:
                     origin = piece.origin[which, 1][:, None]
-                    path = path + eye * (foot[which, None] + s) * _mean_density(origin, height, scale_height)
+                    path = path + eye * (foot[which, None] + s) * mean_density(origin, height, scale_height)
                     value = value * np.exp(-height / scale_height)
             return np.exp(-extinction[:, None, None] * path) * value
 
@@ -664,7 +666,7 @@ def _seen_by_points(lines: _Lines, points, extinction, polygons, factor, toleran
     return result
 
 
-def _mean_density(low, high, scale_height):
+def mean_density(low, high, scale_height):
     """Mean of exp(-y / scale_height) over heights between `low` and `high`; 1 without a scale height."""
     if scale_height is None:
         return np.ones(np.broadcast_shapes(np.shape(low), np.shape(high)))

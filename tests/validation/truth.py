@@ -61,10 +61,7 @@ class Truth:
         lamp = ROOM.lamp
         power = np.asarray(lamp.radiance) * np.linalg.norm(lamp.area_vector)
         point = q.SpotLight(lamp.midpoint, power, 0.0, lamp.normal, lambda c: np.maximum(c, 0), (0.0,))
-        # a point has no size: a ray through it would have no finite answer
-        with np.errstate(all="ignore"):
-            glow = (q.in_scattering(self.rays, fog.medium, point, self.occluders) if not fog.height
-                    else np.full((len(self.rays.depth), 3), np.nan))
+        glow = q.in_scattering(self.rays, fog.medium, point, self.occluders)
         return self.clear * self._shaped(midpoint) + exact, self._picture(fog.medium) + self._shaped(glow)
 
     def _picture(self, medium: q.Medium | None) -> np.ndarray:
@@ -73,7 +70,7 @@ class Truth:
         seen[self.surface] = self.brdf * q.direct_irradiance(
             ROOM.lamp, rays.points(self.surface), rays.normals[self.surface], self.occluders, medium)
         if medium is not None:
-            path = rays.depth * q._mean_density(rays.origin[1], rays.points()[:, 1], medium.scale_height)
+            path = rays.depth * q.mean_density(rays.origin[1], rays.points()[:, 1], medium.scale_height)
             seen = seen * np.exp(-medium.extinction * path[:, None])
         return self._shaped(seen)
 
