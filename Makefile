@@ -179,13 +179,13 @@ $(SHARED_INPUTS) $(FOG_INPUTS): resolve ;
 endif
 
 $(S)/photograph.json: $(call beside,$(S)/photograph.exr $(S)/clipped.exr) $(S)/inputs/photograph.json \
-  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,photograph)
+  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py pipeline/imaging/display_window.py $(call code,photograph)
 	$(run) photograph
 $(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
 	$(run) camera
 $(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.json \
   $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
-  $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
+  $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/display_window.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)

@@ -195,6 +195,13 @@ def test_a_cropped_render_knows_nothing_outside(tmp_path):
     assert np.isfinite(found).sum() == 600 and np.isfinite(found[8:28, 10:40]).all()
 
 
+@pytest.mark.parametrize("place", [(0, 100), (0, -100), (100, 0), (-100, 0)])
+def test_a_file_that_lies_beside_its_picture_knows_nothing(place, tmp_path):
+    path = picture(tmp_path / "d.exr", np.full((20, 30), 4.0, np.float32), display=(*place, 64, 48))
+    with pytest.raises(InputError, match="holds no depth above 0"):
+        read_depth(path, VIEW, kind="radial")
+
+
 DAMAGE = [("cut off", lambda data: data[:len(data) // 2], "is damaged"),
           ("empty", lambda data: b"", "cannot be read as a picture"),
           ("text", lambda data: b"no picture", "cannot be read as a picture")]

@@ -11,6 +11,7 @@ import OpenImageIO as oiio
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.regions import nearest_index, torn
+from pipeline.imaging.display_window import in_display_window
 from pipeline.imaging.oiio_error import oiio_error
 
 MAX_PIXELS = 100_000_000
@@ -199,12 +200,8 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
         raise InputError(f"is damaged ({oiio_error(source)})", place=str(path),
                          remedy="write it anew")
     values = np.asarray(values).reshape(spec.height, spec.width, spec.nchannels)
-    if values.dtype.kind == "f" and (spec.full_width, spec.full_height) != (spec.width, spec.height):
-        canvas = np.full((spec.full_height, spec.full_width, spec.nchannels), np.nan, values.dtype)
-        x, y = spec.x - spec.full_x, spec.y - spec.full_y
-        inner = values[max(-y, 0):spec.full_height - y, max(-x, 0):spec.full_width - x]
-        canvas[max(y, 0):max(y, 0) + len(inner), max(x, 0):max(x, 0) + inner.shape[1]] = inner
-        values = canvas
+    if values.dtype.kind == "f":
+        values = in_display_window(values, spec, missing=np.nan)
     names = list(spec.channelnames)
     opacity = None
     if 0 <= spec.alpha_channel < spec.nchannels and spec.nchannels > 1:

@@ -12,6 +12,7 @@ import OpenImageIO as oiio
 from pipeline.errors import InputError
 from pipeline.imaging.colour import (
     Encoding, LinearEncoding, SrgbEncoding, chromaticities_encoding, named_encoding, profile_encoding)
+from pipeline.imaging.display_window import in_display_window
 from pipeline.imaging.oiio_error import oiio_error
 from pipeline.imaging.photograph_file import SUFFIXES, Photograph
 
@@ -84,7 +85,7 @@ def _read(source: oiio.ImageInput, path: Path, colour_space: str, max_pixels: in
         _refuse_partial(source, codes)
         codes = codes.reshape(spec.height, spec.width, spec.nchannels)[..., chosen]
     if format == "openexr":
-        codes = _in_display_window(codes, spec)
+        codes = in_display_window(codes, spec)
     codes = np.ascontiguousarray(_upright(codes, spec.get_int_attribute("Orientation", 1)))
 
     has_alpha = len(chosen) in (2, 4)
@@ -149,20 +150,6 @@ def _refuse_partial(source: oiio.ImageInput, codes: np.ndarray | None) -> None:
     if codes is not None and "extraneous bytes" in message:  # harmless padding that some cameras write
         return
     raise InputError(f"truncated or damaged ({message})", remedy="copy the photograph again")
-
-
-def _in_display_window(codes: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
-    """An EXR's pixels on its display window: overscan cut off, missing borders 0."""
-    if (spec.x, spec.y, spec.width, spec.height) == (
-            spec.full_x, spec.full_y, spec.full_width, spec.full_height):
-        return codes
-    canvas = np.zeros((spec.full_height, spec.full_width, codes.shape[2]), codes.dtype)
-    x, y = spec.x - spec.full_x, spec.y - spec.full_y
-    left, top = max(x, 0), max(y, 0)
-    right, bottom = min(x + spec.width, spec.full_width), min(y + spec.height, spec.full_height)
-    if right > left and bottom > top:
-        canvas[top:bottom, left:right] = codes[top - y:bottom - y, left - x:right - x]
-    return canvas
 
 
 def _upright(image: np.ndarray, orientation: int) -> np.ndarray:
