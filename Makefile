@@ -133,7 +133,7 @@ $(READY): pipeline/requirements.lock
 	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup
+.PHONY: povray setup setup-mitsuba
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
 	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
@@ -146,6 +146,12 @@ povray:
 	{ echo "error: POV-Ray could not be installed; run: sudo apt-get install povray" >&2; exit 2; }
 
 setup: $(READY) povray
+
+# only what compares with Mitsuba needs it, and nothing else asks for it
+setup-mitsuba: $(READY)
+	@echo "set-up: Mitsuba 3 into $(VENV)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r pipeline/requirements-mitsuba.lock || \
+	  { echo "error: Mitsuba could not be installed; see above, and run make setup-mitsuba again" >&2; exit 2; }
 
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
@@ -272,7 +278,7 @@ help:
 	@echo "  make scene=NAME          fog in scenes/NAME, into build/NAME/ (report.html shows all of it)"
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
-	@echo "  make crosscheck scene=NAME   T and V of each light against Mitsuba 3's (where it is installed)"
+	@echo "  make crosscheck scene=NAME   T and V of each light against Mitsuba 3's "
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
@@ -283,6 +289,7 @@ help:
 	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"
+	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"

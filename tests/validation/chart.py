@@ -25,7 +25,7 @@ def chart(title: str, x: list[float], curves: dict[str, list[float]]) -> np.ndar
         return (int(LEFT + (a - min(x)) / span * (WIDTH - LEFT - RIGHT)),
                 int(HEIGHT - BOTTOM - (np.log10(b) - low) / reach * (HEIGHT - TOP - BOTTOM)))
 
-    cv2.putText(picture, f"MSE against {title}", (10, 25), FONT, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(picture, title, (10, 25), FONT, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
     for power in range(int(low), int(high) + 1):
         at = place(min(x), 10.0**power)
         cv2.line(picture, at, (WIDTH - RIGHT, at[1]), (220, 220, 220), 1)

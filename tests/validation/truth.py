@@ -35,6 +35,11 @@ class Fog:
         return q.Medium(self.absorption, self.scattering, scale_height=SCALE_HEIGHT if self.height else None)
 
 
+ALPHAS = [Fog(a, 0.1) for a in (0.0, 0.05, 0.15, 0.4)]
+DELTAS = [Fog(0.05, d) for d in (0.02, 0.1, 0.3)]
+HEIGHTS = [Fog(0.05, 0.2, True), Fog(0.1, 0.4, True), Fog(0.4, 0.4, True)]
+
+
 class Truth:
     """What a camera sees of the room: without fog, and with it, fog and surfaces in one integral."""
 
@@ -51,6 +56,7 @@ class Truth:
         return self._picture(None)
 
     def foggy(self, fog: Fog) -> np.ndarray:
+        """The lamp's own light, reflected or scattered once, (size, size, 3)."""
         return self._picture(fog.medium) + self._shaped(
             q.in_scattering(self.rays, fog.medium, ROOM.lamp, self.occluders))
 

@@ -1,0 +1,138 @@
+"""Mitsuba 3 as a second opinion: pictures rendered again and again until their noise is small enough.
+
+Its fog is met at random on every way, and of a thin shaft of sunlight by few paths: how many a picture needs is not
+known before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Callable
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.imaging.atomic import replacing
+from pipeline.plugins.base import Medium, registry
+from pipeline.rendering.describe import describe
+from pipeline.scene.placed import PlacedScene
+
+#: Paths a pixel of one pass, and passes of the first round; each round doubles what there is.
+PASS, FIRST = 2048, 4
+#: Below this share of the brightest a pixel is black beside it.
+BLACK = 1e-3
+
+
+class Estimate:
+    """The mean (H, W, 3) of independent passes, and the standard error of it."""
+
+    def __init__(self, passes: list[np.ndarray]):
+        self.mean = np.mean(passes, 0)
+        self.error = np.std(passes, 0, ddof=1) / np.sqrt(len(passes))
+
+    @classmethod
+    def ratio(cls, over: list[np.ndarray], under: list[np.ndarray]) -> "Estimate":
+        """The ratio of two means, NaN where the lower is 0."""
+        result = cls.__new__(cls)
+        mean = np.where(np.mean(under, 0) > 0, np.mean(under, 0), np.nan)
+        result.mean = np.mean(over, 0) / mean
+        result.error = cls([o - result.mean * u for o, u in zip(over, under)]).error / mean
+        return result
+
+    @classmethod
+    def total(cls, parts: list["Estimate"]) -> "Estimate":
+        result = cls.__new__(cls)
+        result.mean = sum(part.mean for part in parts)
+        result.error = np.sqrt(sum(part.error**2 for part in parts))
+        return result
+
+    def used(self, seen: np.ndarray) -> np.ndarray:
+        """Where (H, W, 3), of the pixels `seen` (H, W), it is known and not black beside its brightest."""
+        known = seen[..., None] & np.isfinite(self.mean)
+        return known & (self.mean > BLACK * np.max(self.mean, where=known, initial=0.0))
+
+    def noise(self, seen: np.ndarray) -> float:
+        """Median relative standard error, 0 where nothing is seen."""
+        used = self.used(seen)
+        return float(np.median(self.error[used] / self.mean[used])) if used.any() else 0.0
+
+
+class SecondOpinion:
+    """Renders the scene of one fog in Mitsuba, light by light, with scene files beside each other in `folder`."""
+
+    def __init__(self, scene: PlacedScene, medium: Medium, strengths: dict[str, np.ndarray], folder: Path, most: int):
+        """most: paths a pixel that no picture may exceed. Raises InputError where Mitsuba is not installed."""
+        try:
+            import mitsuba
+        except ImportError:
+            raise InputError("Mitsuba 3 is not installed", place="crosscheck", remedy="run: make setup-mitsuba") from None
+        # LLVM of some systems stops the whole process on Mitsuba's vectorised code; the scalar variant needs none
+        mitsuba.set_variant("scalar_rgb")
+        self.mitsuba, self.exporter_class = mitsuba, registry("exporters")["mitsuba"]
+        self.scene, self.medium, self.strengths, self.folder, self.most = scene, medium, strengths, folder, most
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def states(self, light: str) -> bool:
+        return self.scene.lights[light].type_name() in self.exporter_class.states
+
+    def in_scattering(self, light: str, seen: np.ndarray, noise: float) -> Estimate:
+        """V of a light (H, W, 3), its lamp visible in it, until the noise where `seen` (H, W) is at most `noise`."""
+        picture = self._loaded("in_scattering", light)
+        passes: list[np.ndarray] = []
+        return self._until(noise, seen, lambda seed: passes.append(self._pass(picture, seed)), lambda: Estimate(passes))
+
+    def transmittance(self, light: str, seen: np.ndarray, noise: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Passes (H, W, 3) of what the light makes white surfaces reflect, in fog on its way alone and without fog."""
+        pictures = [self._loaded(what, light) for what in ("transmittance", "clear")]
+        fogged, clear = [], []
+
+        def add(seed: int) -> None:
+            fogged.append(self._pass(pictures[0], seed))
+            clear.append(self._pass(pictures[1], seed))
+
+        self._until(noise, seen, add, lambda: Estimate.ratio(fogged, clear))
+        return fogged, clear
+
+    def depth(self, light: str) -> np.ndarray:
+        """Radial depth (H, W) [m] at pixel centres, by Mitsuba's own rays; 0 where nothing is met."""
+        scene, camera = self._loaded("clear", light), self.scene.camera
+        sensor = scene.sensors()[0]
+        width, height = sensor.film().crop_size()
+        result = np.zeros((height, width))
+        for v in range(height):
+            for u in range(width):
+                ray, _ = sensor.sample_ray(0, 0, [(u + 0.5) / width, (v + 0.5) / height], [0.5, 0.5])
+                hit = scene.ray_intersect(ray)
+                if hit.is_valid():
+                    result[v, u] = np.linalg.norm(np.array(hit.p) - camera.position)
+        return result
+
+    def _until(self, noise: float, seen: np.ndarray, add: Callable[[int], None],
+               estimate: Callable[[], Estimate]) -> Estimate:
+        done, wanted, last = 0, FIRST, max(FIRST, self.most // PASS)
+        while True:
+            for seed in range(done, wanted):
+                add(seed)
+            done, found = wanted, estimate()
+            if found.noise(seen) <= noise or done >= last:
+                return found
+            wanted = min(2 * done, last)
+
+    def _pass(self, picture, seed: int) -> np.ndarray:
+        return np.array(self.mitsuba.render(picture, seed=seed, spp=PASS), dtype=float)
+
+    def _loaded(self, what: str, light: str):
+        exporter, name = self.exporter_class(samples=PASS), f"{what}_{light}"
+        described = describe(what, self.scene, self.medium, self.strengths, [light], {}, exporter)
+        for file, content in exporter.export(name, described).items():
+            with replacing(self.folder / file) as partial:
+                partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        return self.mitsuba.load_file(str(self.folder / f"{name}.xml"))
+
+
+def coarse_scene(scene: PlacedScene, size: int) -> PlacedScene:
+    """The same scene through a camera of at most `size` pixels a side."""
+    camera = scene.camera
+    share = min(1.0, size / max(camera.width, camera.height))
+    return replace(scene, camera=camera.resized(*(max(1, round(n * share)) for n in (camera.width, camera.height))))
