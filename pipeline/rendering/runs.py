@@ -48,13 +48,15 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
 
 def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
              in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False,
-             transmittance_step: float = np.inf, by_template: Container[str] = ()) -> list[Run]:
+             transmittance_step: float = np.inf, by_template: Container[str] = (),
+             shadow_size: int | None = None) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
     midpoint: whether T takes each light's midpoint for all of it, where it has one, and needs no render.
     transmittance_step: most optical depths that a small light of T's may span.
     by_template: lights whose V is rendered even where it is known without shadows.
+    shadow_size [pixel]: longer side at which shadows in an area light's glow are found, None for half the glow's.
     shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
@@ -100,8 +102,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             if light in by_template or not one.completes(medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
-                half = glow_size(*size, max(LEAST_SHADOW_SIZE, max(size) // SHADOW_REDUCTION))
-                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *half, exposure, count,
+                shadow = glow_size(width, height, shadow_size or max(LEAST_SHADOW_SIZE, max(size) // SHADOW_REDUCTION))
+                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *shadow, exposure, count,
                              {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]

@@ -13,6 +13,7 @@ from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
+from pipeline.physics.penumbrae import carried
 from pipeline.physics.upsampling import upsample
 from pipeline.plugins.base import Medium
 from pipeline.rendering.runs import SHADED, UNSHADED, from_json, glow_size
@@ -215,9 +216,19 @@ class Scattered:
         fogged = self._image(f"transmittance_{light}")[view.where]
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
-        digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
-        return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way), indirect,
-                indirect * eye * on_the_way)
+        digits = ((fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)).all(-1)
+        off_middle = self._off_middle(reduced, clear * eye * on_the_way, digits, view)
+        return (strength, clear, np.where(digits[..., None], reduced, clear * eye * on_the_way * off_middle), indirect,
+                indirect * eye * on_the_way * off_middle)
+
+    def _off_middle(self, reduced, from_middle, digits, view: View) -> np.ndarray:
+        """By what fog dims the light differently (..., 3) than on the way from its middle, carried on into penumbrae."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(digits[..., None] & (from_middle > 0), reduced / from_middle, 1.0)
+        if view.where is not ...:
+            return ratio
+        focal_length = float(np.mean(self.scene.camera.focal_length))
+        return carried(ratio, digits, view.points, view.depth / focal_length)
 
     def _clear(self, light: str) -> tuple[np.ndarray, float]:
         """Irradiance/pi of the light without fog times an exposure, and that, of as many small lights as the render with

@@ -92,6 +92,10 @@ class RenderSettings(Model):
     in_scattering_size: int | None = parameter(
         256, "pixel", ge=16, le=20000,
         description="longer side at which the glow of lamps is rendered; null for the photograph's")
+    shadow_size: int | None = parameter(
+        None, "pixel", ge=16, le=20000,
+        description="longer side at which renders tell what shadows take from an area light's glow; half of the glow's,"
+                    " but not below 128, when left out")
     transmittance: Literal["area", "midpoint"] = parameter(
         "area", description="of a lamp's light on its way to surfaces: averaged over its area, or from its midpoint, as"
                             " in the paper (eq. 5), which needs no render")

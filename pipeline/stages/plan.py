@@ -30,7 +30,8 @@ def run(build: Build) -> None:
         shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
         runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
                         settings["transmittance"] == "midpoint", settings["transmittance_step"],
-                        lights if settings["glow"] == "rendered" else _of_own_template(build, scene))
+                        lights if settings["glow"] == "rendered" else _of_own_template(build, scene),
+                        settings["shadow_size"])
         try:
             refuse_too_much(scene, runs, settings["max_light_samples"])
         except InputError as error:
