@@ -25,6 +25,10 @@ FEWEST_DIGITS = 6e-4
 LEAST_UNSHADED = 1e-5
 
 
+#: Of the densest fog's light the way from the middle has nothing left; no quotient of the two may be infinite.
+MOST_OFF_MIDDLE = 1e30
+
+
 @dataclass(frozen=True)
 class View:
     """Rays that end at given depths: the whole photograph's, or some of its pixels' once more.
@@ -216,19 +220,20 @@ class Scattered:
         fogged = self._image(f"transmittance_{light}")[view.where]
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
-        digits = ((fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)).all(-1)
+        digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
         off_middle = self._off_middle(reduced, clear * eye * on_the_way, digits, view)
-        return (strength, clear, np.where(digits[..., None], reduced, clear * eye * on_the_way * off_middle), indirect,
+        return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way * off_middle), indirect,
                 indirect * eye * on_the_way * off_middle)
 
     def _off_middle(self, reduced, from_middle, digits, view: View) -> np.ndarray:
         """By what fog dims the light differently (..., 3) than on the way from its middle, carried on into penumbrae."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(digits[..., None] & (from_middle > 0), reduced / from_middle, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            ratio = np.where(digits & (from_middle > 0), reduced / from_middle, 1.0)
+        ratio = np.clip(ratio, 1 / MOST_OFF_MIDDLE, MOST_OFF_MIDDLE)
         if view.where is not ...:
             return ratio
         focal_length = float(np.mean(self.scene.camera.focal_length))
-        return carried(ratio, digits, view.points, view.depth / focal_length)
+        return carried(ratio, digits.all(-1), view.points, view.depth / focal_length)
 
     def _clear(self, light: str) -> tuple[np.ndarray, float]:
         """Irradiance/pi of the light without fog times an exposure, and that, of as many small lights as the render with
