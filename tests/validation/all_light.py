@@ -27,6 +27,8 @@ from tests.validation.truth import ALPHAS, DELTAS, HEIGHTS, ROOM, SCALE_HEIGHT, 
 STEPS = {"lamp's own light": (), "+ reflected again": ("reflected",),
          "+ reflected and scattered once": ("reflected", "single and reflected"),
          "all orders": ("reflected", "single and reflected", "multiple")}
+#: Of these the curves are drawn; the table has all.
+SHOWN = [f"lamp alone, {name}" for name in STEPS] + ["with ambient, all orders"]
 #: Extinction [1/m] of fogs that absorb nothing, a quarter, or half of what they take away.
 EXTINCTIONS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 ALBEDOS = (1.0, 0.75, 0.5)
@@ -69,7 +71,7 @@ def photograph_against_all_light(size: int, samples: int, folder: Path) -> None:
     for title, fogs, x in (("absorption [1/m], scattering 0.1/m", ALPHAS, [f.absorption for f in ALPHAS]),
                            ("scattering [1/m], absorption 0.05/m", DELTAS, [f.scattering for f in DELTAS]),
                            ("extinction on the floor [1/m], height fog", HEIGHTS, [f.absorption + f.scattering for f in HEIGHTS])):
-        curves = {key: [by_name[f.name][key] for f in fogs] for key in rows[0] if key != "fog"}
+        curves = {key: [by_name[f.name][key] for f in fogs] for key in SHOWN}
         panels.append(chart(f"MSE against {title}", x, curves))
     cv2.imwrite(str(folder / "all_light_mse.png"), np.concatenate(panels, axis=1))
     print(f"done: {folder}/all_light.png, all_light_mse.png, all_light.csv")
@@ -97,7 +99,7 @@ def single_scattering_by_optical_depth(size: int, samples: int, folder: Path) ->
         chosen = [row for row in rows if row["albedo of the fog"] == albedo]
         curves = {key: [row[key] for row in chosen] for key in list(rows[0])[3:]}
         panels.append(chart(f"share of light against optical depth, fog's albedo {albedo:g}",
-                            [row["median optical depth to the surface"] for row in chosen], curves))
+                            [row["median optical depth to the surface"] for row in chosen], curves, logarithmic=True))
     cv2.imwrite(str(folder / "shares.png"), np.concatenate(panels, axis=1))
     print(f"done: {folder}/shares.png, shares.csv")
 

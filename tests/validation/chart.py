@@ -14,24 +14,30 @@ MARKS = [cv2.MARKER_CROSS, cv2.MARKER_TILTED_CROSS, cv2.MARKER_STAR, cv2.MARKER_
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
-def chart(title: str, x: list[float], curves: dict[str, list[float]]) -> np.ndarray:
-    """(640, 640, 3) BGR: each curve over `x`, its values [1] on a logarithmic scale; what is not above 0 is left out."""
+def chart(title: str, x: list[float], curves: dict[str, list[float]], *, logarithmic: bool = False) -> np.ndarray:
+    """(640, 640, 3) BGR: each curve over `x`, its values [1] on a logarithmic scale; what is not above 0 is left out.
+
+    logarithmic: `x` too.
+    """
     picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     values = [v for curve in curves.values() for v in curve if np.isfinite(v) and v > 0]
     low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
-    span, reach = max(x) - min(x) or 1.0, max(high - low, 1.0)
+    across = np.log10 if logarithmic else float
+    span, reach = across(max(x)) - across(min(x)) or 1.0, max(high - low, 1.0)
 
     def place(a: float, b: float) -> tuple[int, int]:
-        return (int(LEFT + (a - min(x)) / span * (WIDTH - LEFT - RIGHT)),
+        return (int(LEFT + (across(a) - across(min(x))) / span * (WIDTH - LEFT - RIGHT)),
                 int(HEIGHT - BOTTOM - (np.log10(b) - low) / reach * (HEIGHT - TOP - BOTTOM)))
 
     cv2.putText(picture, title, (10, 25), FONT, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
-    for power in range(int(low), int(high) + 1):
-        at = place(min(x), 10.0**power)
+    # over few powers of ten also twice and five times each
+    levels = [m * 10.0**power for power in range(int(low), int(high) + 1) for m in ((1, 2, 5) if reach <= 2 else (1,))]
+    for level in (one for one in levels if one <= 10.0**high * (1 + 1e-9)):
+        at = place(min(x), level)
         cv2.line(picture, at, (WIDTH - RIGHT, at[1]), (220, 220, 220), 1)
-        cv2.putText(picture, f"1e{power}", (15, at[1] + 5), FONT, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+        cv2.putText(picture, f"{level:.0e}".replace("e-0", "e-").replace("e+00", "") if reach > 2 else f"{level:g}", (15, at[1] + 5), FONT, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
     for a in x:
-        cv2.putText(picture, f"{a:g}", (place(a, 10.0**low)[0] - 12, HEIGHT - BOTTOM + 20), FONT, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+        cv2.putText(picture, f"{a:.2g}", (place(a, 10.0**low)[0] - 12, HEIGHT - BOTTOM + 20), FONT, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
     for k, (name, curve) in enumerate(curves.items()):
         colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
         points = [place(a, b) for a, b in zip(x, curve) if np.isfinite(b) and b > 0]
