@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.scene.artefacts import read_camera
+from pipeline.scene.artefacts import read_camera, read_placed
 from tests.reference import pbrt_reader
 from tests.test_light_transport import DESCRIBED, chain
 
@@ -20,11 +20,31 @@ def exported(tmp_path_factory):
 
 def test_every_file_is_sound_and_complete(exported):
     build, files = exported
-    assert {f"{what}_{light}" for what in ("in_scattering", "transmittance", "clear") for light in ("point", "spot", "area")
+    assert {f"{what}_{light}" for what in ("in_scattering", "transmittance", "clear") for light in ("point", "spot", "area", "sun")
             } | {"foggy"} == set(files)
     for text in files.values():
         pbrt_reader.read(text)
     assert "'sun'" in files["foggy"].partition("Integrator")[0]
+
+
+def test_sunlight_begins_at_the_fogs_border_and_is_scattered_in_its_shafts_alone(exported):
+    build, files = exported
+    found = pbrt_reader.read(files["in_scattering_sun"])
+    media = {names[0]: parameters for directive, names, parameters in found if directive == "MakeNamedMedium"}
+    assert media["fog"]["rgb sigma_s"] == [0, 0, 0] and max(media["lit_fog"]["rgb sigma_s"]) > 0
+    assert np.allclose(media["fog"]["rgb sigma_a"], np.add(media["lit_fog"]["rgb sigma_a"], media["lit_fog"]["rgb sigma_s"]))
+    borders = [names for directive, names, _ in found if directive == "MediumInterface"]
+    assert ["fog", ""] in borders and ["lit_fog", "fog"] in borders
+    distant = next(p for d, names, p in found if names == ["distant"])
+    assert np.allclose(np.subtract(distant["point3 to"], distant["point3 from"]), read_placed(build).lights["sun"].direction)
+    hulls = [p for (_, before, _), (_, names, p) in zip(found, found[2:])
+             if names == ["trianglemesh"] and before[:1] in (["fog"], ["lit_fog"])]
+    assert len(hulls) >= 2
+    for hull in hulls:
+        corners = np.reshape(hull["point3 P"], (-1, 3))[np.reshape(hull["integer indices"], (-1, 3)).astype(int)]
+        volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+        assert volume > 0.01, "its normals point outwards"
+    assert all(names != ["fog", ""] for _, names, _ in pbrt_reader.read(files["in_scattering_point"]))
 
 
 def test_the_camera_sees_pixels_where_ours_does(exported):

@@ -51,6 +51,20 @@ class Description:
         """Albedo (3,) that the face has in this render."""
         return {"in_scattering": np.zeros(3), "foggy": face.albedo}.get(self.what, np.ones(3))
 
+    def border(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (8, 3) [m] and outward triangles (12, 3) of the box that the fog fills."""
+        corners = np.array([[self.bounds[i & 1, 0], self.bounds[i >> 1 & 1, 1], self.bounds[i >> 2, 2]] for i in range(8)])
+        quads = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
+        return corners, np.array([(q[0], q[i], q[i + 1]) for q in quads for i in (1, 2)])
+
+    def eye_in_shaft(self) -> bool:
+        eye = self.camera.position
+        for vertices, triangles in self.shafts:
+            a, b, c = (np.asarray(vertices)[np.asarray(triangles)[:, k]] for k in range(3))
+            if (np.einsum("ij,ij->i", np.cross(b - a, c - a), eye - a) < 0).all():
+                return True
+        return False
+
     def density(self, cells: int) -> np.ndarray:
         """Relative density (z, y, x) at the centres of so many cells along each axis of `bounds`."""
         low, high = self.bounds

@@ -17,6 +17,7 @@ NEEDED = {("Film", "rgb"): {"integer xresolution", "integer yresolution", "strin
           ("Shape", "trianglemesh"): {"integer indices", "point3 P"},
           ("LightSource", "point"): {"rgb I", "point3 from"},
           ("LightSource", "spot"): {"rgb I", "point3 from", "point3 to", "float coneangle", "float conedeltaangle"},
+          ("LightSource", "distant"): {"rgb L", "point3 from", "point3 to"}, ("Material", "interface"): set(),
           ("AreaLightSource", "diffuse"): {"rgb L"}, ("Material", "diffuse"): {"rgb reflectance"},
           ("PixelFilter", "box"): set(), ("Sampler", "independent"): {"integer pixelsamples"}}
 BEFORE_WORLD = {"Film", "Camera", "Integrator", "PixelFilter", "Sampler"}

@@ -57,7 +57,7 @@ class Mitsuba(Exporter):
         matrix[:3, :3] = np.asarray(c.world_from_camera) @ np.diag([-1.0, -1.0, 1.0])
         matrix[:3, 3] = c.position
         cx, cy = c.principal_point
-        medium = '<ref id="fog"/>' if d.what in ("foggy", "in_scattering") else ""
+        medium = f'<ref id="{"lit_fog" if d.eye_in_shaft() else "fog"}"/>' if d.what in ("foggy", "in_scattering") else ""
         angle = float(2 * np.degrees(np.arctan(c.width / 2 / c.focal_length)))
         return (f'<sensor type="perspective"><float name="fov" value="{angle!r}"/><string name="fov_axis" value="x"/>'
                 f'<float name="principal_point_offset_x" value="{float(cx / c.width - 0.5)!r}"/>'
@@ -90,9 +90,7 @@ class Mitsuba(Exporter):
             return f'<medium type="{kind}" id="{identity}">{sigma}{_phase(d.medium.phase())}</medium>'
 
         body = [one("fog", albedo if scatters and not d.shafts else np.zeros(3))]
-        corners = np.array([[d.bounds[i & 1, 0], d.bounds[i >> 1 & 1, 1], d.bounds[i >> 2, 2]] for i in range(8)])
-        quads = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]
-        files[f"{name}_bounds.obj"] = _obj(corners, [(q[0], q[i], q[i + 1]) for q in quads for i in (1, 2)])
+        files[f"{name}_bounds.obj"] = _obj(*d.border())
         body.append(f'{_shape(f"{name}_bounds.obj")}<bsdf type="null"/><ref name="interior" id="fog"/></shape>')
         if d.shafts:
             body.append(one("lit_fog", albedo))

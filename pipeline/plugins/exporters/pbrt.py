@@ -23,7 +23,7 @@ class Pbrt(Exporter):
     """Writes `.pbrt` scenes for pbrt-v4; the chain itself is rendered by POV-Ray."""
 
     type: Literal["pbrt"] = "pbrt"
-    states = frozenset({"area", "point", "spot"})
+    states = frozenset({"area", "point", "spot", "sun", "sunlight"})
     max_depth: int = parameter(1, "1", ge=0, le=1000, description="scatterings of a path; 1 scatters once")
     samples: int = parameter(256, "1", ge=1, le=1_000_000, description="a pixel")
     grid_cells: int = parameter(48, "1", ge=2, le=256, description="along each axis, where the fog is uneven")
@@ -41,8 +41,13 @@ class Pbrt(Exporter):
                  'PixelFilter "box" "float xradius" [ 0.5 ] "float yradius" [ 0.5 ]',
                  f'Film "rgb" "string filename" [ "{name}.exr" ] "integer xresolution" [ {d.camera.width} ]'
                  f' "integer yresolution" [ {d.camera.height} ] "string sensor" [ "cie1931" ] "float iso" [ 100 ]',
-                 'ColorSpace "srgb"', *([self._medium(d), 'MediumInterface "" "fog"'] if fog else []),
+                 'ColorSpace "srgb"', *([*self._media(d), f'MediumInterface "" "{"lit_fog" if d.eye_in_shaft() else "fog"}"'] if fog else []),
                  *self._camera(d.camera), "WorldBegin"]
+        if fog and any(_is_sun(light) for light, _ in d.lights.values()):
+            # light from afar enters the fog at its border
+            lines += _border("fog", "", *d.border())
+        for hull in d.shafts if fog else ():
+            lines += _border("lit_fog", "fog", *hull)
         if fog:
             lines.append('MediumInterface "" "fog"')
         for face in d.faces:
@@ -64,10 +69,16 @@ class Pbrt(Exporter):
         return [f"Transform [ {_numbers(to_camera.T)} ]",
                 f'Camera "perspective" "float fov" [ 90 ] "float screenwindow" [ {_numbers(window)} ]']
 
-    def _medium(self, d):
+    def _media(self, d):
         absorption, scattering = d.medium.coefficients()
+        dark = self._medium(d, "fog", absorption + scattering, np.zeros(3))
         if d.what == "transmittance":
-            absorption, scattering = absorption + scattering, np.zeros(3)
+            return [dark]
+        if d.shafts:
+            return [dark, self._medium(d, "lit_fog", absorption, scattering)]
+        return [self._medium(d, "fog", absorption, scattering)]
+
+    def _medium(self, d, name, absorption, scattering):
         phase = d.medium.phase()
         if phase.type_name() not in ("henyey_greenstein", "isotropic"):
             raise InputError(f"pbrt knows no phase function '{phase.type_name()}'", place="fog.phase_function",
@@ -76,9 +87,9 @@ class Pbrt(Exporter):
         sigma = (f'"rgb sigma_a" [ {_numbers(absorption)} ] "rgb sigma_s" [ {_numbers(scattering)} ] "float g" [ {g!r} ]'
                  ' "float scale" [ 1 ]')
         if d.medium.render_step() == np.inf:
-            return f'MakeNamedMedium "fog" "string type" [ "homogeneous" ] {sigma}'
+            return f'MakeNamedMedium "{name}" "string type" [ "homogeneous" ] {sigma}'
         n, density = self.grid_cells, d.density(self.grid_cells)
-        return (f'MakeNamedMedium "fog" "string type" [ "uniformgrid" ] {sigma} "integer nx" [ {n} ] "integer ny" [ {n} ]'
+        return (f'MakeNamedMedium "{name}" "string type" [ "uniformgrid" ] {sigma} "integer nx" [ {n} ] "integer ny" [ {n} ]'
                 f' "integer nz" [ {n} ] "point3 p0" [ {_numbers(d.bounds[0])} ] "point3 p1" [ {_numbers(d.bounds[1])} ]'
                 f' "float density" [ {" ".join(f"{v:.6g}" for v in density.ravel())} ]')
 
@@ -90,10 +101,23 @@ class Pbrt(Exporter):
                     _mesh(*emitter(light))]
         if kind == "point":
             return [f'LightSource "point" "point3 from" [ {_numbers(light.position.point)} ] "rgb I" [ {_numbers(strength)} ]']
+        if _is_sun(light):
+            return [f'LightSource "distant" "point3 from" [ 0 0 0 ] "point3 to" [ {_numbers(light.direction)} ]'
+                    f' "rgb L" [ {_numbers(strength)} ]']
         # pbrt's falloff is a smoothstep of the cosine, as ours is
         return [f'LightSource "spot" "point3 from" [ {_numbers(light.position.point)} ]'
                 f' "point3 to" [ {_numbers(light.target.point)} ] "float coneangle" [ {light.outer_angle!r} ]'
                 f' "float conedeltaangle" [ {light.outer_angle - light.inner_angle!r} ] "rgb I" [ {_numbers(strength)} ]']
+
+
+def _is_sun(light) -> bool:
+    return light.type_name() in ("sun", "sunlight")
+
+
+def _border(inside: str, outside: str, vertices, triangles) -> list[str]:
+    """A surface that only parts two media."""
+    return ["AttributeBegin", f'  MediumInterface "{inside}" "{outside}"', '  Material "interface"',
+            f"  {_mesh(vertices, triangles)}", "AttributeEnd"]
 
 
 def _numbers(values) -> str:
