@@ -37,6 +37,8 @@ def test_a_ratio_of_passes_that_vary_together_has_no_noise():
     assert np.allclose(Estimate.ratio(over, under).mean, 0.5) and Estimate.ratio(over, under).noise(ALL) < 1e-12
     apart = Estimate.ratio(passes(64, 0.2, 1), passes(64, 0.2, 2))
     assert apart.noise(ALL) == pytest.approx(np.sqrt(2) * 0.1 / 8, rel=0.15)
+    quotient = Estimate.quotient(Estimate(passes(64, 0.2, 1)), Estimate(passes(64, 0.2, 2)))
+    assert np.allclose(quotient.mean, apart.mean) and quotient.noise(ALL) == pytest.approx(apart.noise(ALL), rel=0.1)
     black = Estimate.ratio([np.zeros((8, 10, 3))] * 4, [np.zeros((8, 10, 3))] * 4)
     assert not black.used(ALL).any() and black.noise(ALL) == 0
 

@@ -6,6 +6,8 @@ known before.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Callable
@@ -18,8 +20,19 @@ from pipeline.plugins.base import Medium, registry
 from pipeline.rendering.describe import describe
 from pipeline.scene.placed import PlacedScene
 
-#: Paths a pixel of one pass, and passes of the first round; each round doubles what there is.
-PASS, FIRST = 2048, 4
+#: Most paths a pixel of one pass, most paths of all its pixels, and passes of the first round; each round doubles them.
+PASS, AT_ONCE, FIRST = 2048, 1 << 22, 4
+#: Several times as fast where it works; LLVM of some systems stops the whole process on it. The other works everywhere.
+FAST, SAFE = "llvm_ad_rgb", "scalar_rgb"
+PROBE = f"""
+import mitsuba
+mitsuba.set_variant("{FAST}")
+scene = {{"type": "scene", "integrator": {{"type": "volpath"}}, "lamp": {{"type": "constant"}},
+         "sensor": {{"type": "perspective", "film": {{"type": "hdrfilm", "width": 4, "height": 4}}}},
+         "ball": {{"type": "sphere", "center": [0, 0, 5], "bsdf": {{"type": "diffuse"}}}}}}
+mitsuba.render(mitsuba.load_dict(scene), spp=4).numpy()
+"""
+PROBE_SECONDS = 120
 #: Below this share of the brightest a pixel is black beside it.
 BLACK = 1e-3
 
@@ -47,6 +60,15 @@ class Estimate:
         result.error = np.sqrt(sum(part.error**2 for part in parts))
         return result
 
+    @classmethod
+    def quotient(cls, over: "Estimate", under: "Estimate") -> "Estimate":
+        """The ratio of two that were found apart, NaN where the lower is 0."""
+        result = cls.__new__(cls)
+        mean = np.where(under.mean > 0, under.mean, np.nan)
+        result.mean = over.mean / mean
+        result.error = np.hypot(over.error, result.mean * under.error) / mean
+        return result
+
     def used(self, seen: np.ndarray) -> np.ndarray:
         """Where (H, W, 3), of the pixels `seen` (H, W), it is known and not black beside its brightest."""
         known = seen[..., None] & np.isfinite(self.mean)
@@ -67,10 +89,11 @@ class SecondOpinion:
             import mitsuba
         except ImportError:
             raise InputError("Mitsuba 3 is not installed", place="crosscheck", remedy="run: make setup-mitsuba") from None
-        # LLVM of some systems stops the whole process on Mitsuba's vectorised code; the scalar variant needs none
-        mitsuba.set_variant("scalar_rgb")
+        self.variant = FAST if _vectorised() else SAFE
+        mitsuba.set_variant(self.variant)
         self.mitsuba, self.exporter_class = mitsuba, registry("exporters")["mitsuba"]
         self.scene, self.medium, self.strengths, self.folder, self.most = scene, medium, strengths, folder, most
+        self.samples = max(1, min(PASS, AT_ONCE // (scene.camera.width * scene.camera.height)))
         folder.mkdir(parents=True, exist_ok=True)
 
     def states(self, light: str) -> bool:
@@ -96,6 +119,7 @@ class SecondOpinion:
 
     def depth(self, light: str) -> np.ndarray:
         """Radial depth (H, W) [m] at pixel centres, by Mitsuba's own rays; 0 where nothing is met."""
+        self.mitsuba.set_variant(SAFE)  # its rays are single ones
         scene, camera = self._loaded("clear", light), self.scene.camera
         sensor = scene.sensors()[0]
         width, height = sensor.film().crop_size()
@@ -106,11 +130,12 @@ class SecondOpinion:
                 hit = scene.ray_intersect(ray)
                 if hit.is_valid():
                     result[v, u] = np.linalg.norm(np.array(hit.p) - camera.position)
+        self.mitsuba.set_variant(self.variant)
         return result
 
     def _until(self, noise: float, seen: np.ndarray, add: Callable[[int], None],
                estimate: Callable[[], Estimate]) -> Estimate:
-        done, wanted, last = 0, FIRST, max(FIRST, self.most // PASS)
+        done, wanted, last = 0, FIRST, max(FIRST, self.most // self.samples)
         while True:
             for seed in range(done, wanted):
                 add(seed)
@@ -120,15 +145,24 @@ class SecondOpinion:
             wanted = min(2 * done, last)
 
     def _pass(self, picture, seed: int) -> np.ndarray:
-        return np.array(self.mitsuba.render(picture, seed=seed, spp=PASS), dtype=float)
+        return np.array(self.mitsuba.render(picture, seed=seed, spp=self.samples), dtype=float)
 
     def _loaded(self, what: str, light: str):
-        exporter, name = self.exporter_class(samples=PASS), f"{what}_{light}"
+        exporter, name = self.exporter_class(samples=self.samples), f"{what}_{light}"
         described = describe(what, self.scene, self.medium, self.strengths, [light], {}, exporter)
         for file, content in exporter.export(name, described).items():
             with replacing(self.folder / file) as partial:
                 partial.write_bytes(content.encode() if isinstance(content, str) else content)
         return self.mitsuba.load_file(str(self.folder / f"{name}.xml"))
+
+
+def _vectorised() -> bool:
+    """Whether Mitsuba's vectorised code works here, tried in a process of its own, which it may take down."""
+    try:
+        done = subprocess.run([sys.executable, "-c", PROBE], capture_output=True, timeout=PROBE_SECONDS, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0
 
 
 def coarse_scene(scene: PlacedScene, size: int) -> PlacedScene:

@@ -53,7 +53,8 @@ def run(build: Build) -> None:
     depth = scattered.depth
     varies = np.sqrt(np.maximum(coarse((depth / depth.mean()) ** 2) - coarse(depth / depth.mean()) ** 2, 0)) * depth.mean()
     smooth = surface & (varies <= SMOOTH * coarse(depth))
-    pictures, glows, reflected, lit = [], [], {}, np.zeros((height, width), bool)
+    pictures, glows, fogged_of, clear_of = [], [], [], []
+    lit, partly = np.zeros((2, height, width), bool)
 
     def compare(name: str, ours: np.ndarray, theirs: Estimate, seen: np.ndarray) -> None:
         facts["maps"][name] = _compared(ours, theirs, seen)
@@ -73,20 +74,22 @@ def run(build: Build) -> None:
         compare(f"V {light}", *glows[-1], surface)
         # where nothing direct arrives ours is a stand-in for what comes by reflection
         basis = read_map(build.basis / f"irradiance_{light}.exr").astype(float).max(-1)
-        direct = (coarse(basis > 0) >= 1) & smooth
+        share = coarse(basis > 0)
+        direct = (share >= 1) & smooth
         fogged, clear = second.transmittance(light, direct, NOISE * TOLERANCE["T"])
-        reflected[light] = (Estimate([eye * one for one in fogged]), Estimate(clear))
+        fogged = [eye * one for one in fogged]
+        # the walls with windows are away there, and sunlight is everywhere: it counts where it comes through the windows
+        fogged_of.append(Estimate([one * direct[..., None] for one in fogged]))
+        clear_of.append(Estimate([one * direct[..., None] for one in clear]))
         compare(f"T {light}", coarse(scattered.transmittance([light])),
-                Estimate.ratio([eye * one for one in fogged], clear), direct)
+                Estimate.ratio(fogged, clear), direct)
         facts["maps"][f"T {light}"]["excluded_pixels"] = int((~direct).sum())
         lit |= direct
+        partly |= (share > 0) & (share < 1)
     if len(lights) > 1:
         compare("V total", sum(ours for ours, _ in glows), Estimate.total([theirs for _, theirs in glows]), surface)
-        fogged, clear = (Estimate.total([one[k] for one in reflected.values()]) for k in (0, 1))
-        together = Estimate.total([fogged])
-        bright = np.where(clear.mean > 0, clear.mean, np.nan)
-        together.mean, together.error = fogged.mean / bright, np.hypot(fogged.error, fogged.mean / bright * clear.error) / bright
-        compare("T total", coarse(scattered.transmittance(lights)), together, lit)
+        together = Estimate.quotient(Estimate.total(fogged_of), Estimate.total(clear_of))
+        compare("T total", coarse(scattered.transmittance(lights)), together, lit & ~partly)
     _draw(build, pictures)
     _judged(build, facts)
 
