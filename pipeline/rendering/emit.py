@@ -28,6 +28,11 @@ FARTHEST_OPTICAL_DEPTH = 12.0
 SIGHTS = 16
 
 
+#: Value of a run's `shadows` with which they fall in red alone, and green is as if nothing cast any: two renders in one,
+#: where fog is grey.
+IN_RED = "in red"
+
+
 @dataclass(frozen=True)
 class Run:
     """One POV-Ray render: which light, what is switched on, how finely.
@@ -141,15 +146,20 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             medium, {**context, "absorption": absorption.tolist(), "scattering": scattering.tolist()})
         if run.kind == "in_scattering" and extinction.min() > 0:
             backdrop = min(backdrop, farthest_seen(scene, medium))
-    index, statements = 0, []
+    index, statements, in_red = 0, [], []
     for name, shape in scene.shapes.items():
         faces = []
         for face, corners in shape.faces().items():
             faces.append({"name": f"{name}.{face}", "corners": corners.tolist(), "index": index})
             index += 1
         text = templates.of_plugin(shape, {**context, "name": name, "faces": faces})
-        shadows = shape.casts_shadow and run.options.get("shadows", True)
-        statements.append(text if shadows else _without_shadow(text))
+        shadows = run.options.get("shadows", True) if shape.casts_shadow else False
+        statements.append(text if shadows is True else _without_shadow(text))
+        if shadows == IN_RED:
+            # seen by light alone; hollow, for what lies in it is fog to the light that goes through
+            in_red.append(text)
+    if in_red:
+        statements.append("#declare Fog_Look = 3;\nunion {\n" + "\n".join(in_red) + "\nno_image hollow\n}\n")
     blocks["shapes"] = "\n".join(statements)
     lights = []
     for name in run.lights:

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.plugins.base import Medium
 from pipeline.plugins.lights.sun import Sun
-from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, Run, farthest_seen
+from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, IN_RED, Run, farthest_seen
 from pipeline.scene.placed import PlacedScene
 
 #: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
@@ -22,8 +22,9 @@ HIGHEST_LEVEL = 128.0
 #: A midpoint step of a third of an optical depth is off by h^2/24 = 0.5 %.
 LARGEST_OPTICAL_STEP = 1 / 3
 
-#: Kinds of the two small renders that tell what shadows take from a light whose V is known without them.
-SHADED, UNSHADED = "shaded", "unshaded"
+#: Kinds of the two small renders that tell what shadows take from a light whose V is known without them; and of the one
+#: that is both, in red and in green.
+SHADED, UNSHADED, SHADOWS = "shaded", "unshaded", "shadows"
 #: What shadows take from a glow is smoother still, and smaller: it is rendered at so much less than the glow's size.
 SHADOW_REDUCTION = 2
 #: Longer side [pixel] from which on it is.
@@ -49,7 +50,7 @@ def irradiance_run(scene: PlacedScene, light: str) -> Run:
 def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
              in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False,
              transmittance_step: float = np.inf, by_template: Container[str] = (),
-             shadow_size: int | None = None) -> list[Run]:
+             shadow_size: int | None = None, in_one: bool = True) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
     in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
@@ -57,6 +58,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     transmittance_step: most optical depths that a small light of T's may span.
     by_template: lights whose V is rendered even where it is known without shadows.
     shadow_size [pixel]: longer side at which shadows in an area light's glow are found, None for half the glow's.
+    in_one: whether the shapes' statements allow that one render tells light with shadows and without, in grey fog.
     shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
@@ -66,6 +68,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
     depths = medium.optical_depth(scene.camera.position, points)
     eye, clearest = np.exp(-depths.mean(-1)), np.exp(-depths.min(-1))
     extinction = np.add(*medium.coefficients())
+    grey = all(np.ptp(coefficient) == 0 for coefficient in medium.coefficients())
     uneven = medium.render_step() < np.inf
     dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
     for light in lights:
@@ -74,8 +77,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
             part = replace(scene, lights={light: one.shaded_part(scene.camera.position)})
             exposure = _exposure(_in_scattering(part, medium, light, directions, points))
             count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
-            runs += [Run(f"{kind}_{light}", "in_scattering", [light], *small, exposure, count,
-                         {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
+            runs += _shadow_runs(Run("", "in_scattering", [light], *small, exposure, count), in_one and grey)
         if not scene.rendered(light):
             continue
         clear, path = _irradiance(scene, light, points) / np.pi, _path(scene, light, points)
@@ -103,11 +105,17 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
                 shadow = glow_size(width, height, shadow_size or max(LEAST_SHADOW_SIZE, max(size) // SHADOW_REDUCTION))
-                runs += [Run(f"{kind}_{light}", "in_scattering", [light], *shadow, exposure, count,
-                             {"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
+                runs += _shadow_runs(Run("", "in_scattering", [light], *shadow, exposure, count), in_one and grey)
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
     return runs
+
+
+def _shadow_runs(run: Run, in_one: bool) -> list[Run]:
+    light = run.lights[0]
+    if in_one:
+        return [replace(run, id=f"{SHADOWS}_{light}", options={"shadows": IN_RED})]
+    return [replace(run, id=f"{kind}_{light}", options={"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
 
 
 def glow_size(width: int, height: int, longer_side: int | None) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.penumbrae import carried
 from pipeline.physics.upsampling import upsample
 from pipeline.plugins.base import Medium
-from pipeline.rendering.runs import SHADED, UNSHADED, from_json, glow_size
+from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
@@ -134,7 +134,7 @@ class Scattered:
         if self.scene.rendered(light):
             return self._completed(light, view)
         unoccluded = np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
-        if f"{SHADED}_{light}" not in self.runs:
+        if not self._has_shadows(light):
             return unoccluded
         part = one.shaded_part(eye)
         whole = unoccluded if part is one else part.in_scattering(self.medium, eye, view.directions, view.depth)
@@ -146,11 +146,10 @@ class Scattered:
         Their errors cancel close to the light, where they are largest and nothing stands between.
         """
         known = self._unshadowed(light, view)
-        if f"{SHADED}_{light}" not in self.runs:
+        if not self._has_shadows(light):
             return known
-        taken = (self._enlarged(f"{UNSHADED}_{light}", view) - self._enlarged(f"{SHADED}_{light}", view)
-                 ) / self.runs[f"{SHADED}_{light}"].exposure
-        return np.clip(known - taken, 0, known)
+        shaded, unshaded, exposure = self._with_and_without_shadows(light)
+        return np.clip(known - self._resampled((unshaded - shaded) / exposure, view), 0, known)
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""
@@ -167,9 +166,21 @@ class Scattered:
 
     def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
         """What shadows leave of the light's V, from two renders whose sampling errors cancel."""
-        shaded, unshaded = (self._enlarged(f"{kind}_{light}", view) for kind in (SHADED, UNSHADED))
+        shaded, unshaded = (self._resampled(image, view) for image in self._with_and_without_shadows(light)[:2])
         known = unshaded > LEAST_UNSHADED * max(float(unshaded.max()), 1e-300)
         return np.where(known, np.clip(shaded / np.where(known, unshaded, 1.0), 0, 1), 1.0)
+
+    def _has_shadows(self, light: str) -> bool:
+        return f"{SHADOWS}_{light}" in self.runs or f"{SHADED}_{light}" in self.runs
+
+    def _with_and_without_shadows(self, light: str) -> tuple[np.ndarray, np.ndarray, float]:
+        """The small renders (h, w, 3) of the light's V with and without shadows, and their exposure."""
+        both = f"{SHADOWS}_{light}"
+        if both in self.runs:
+            image = self._image(both)
+            return *(np.repeat(image[..., k:k + 1], 3, axis=-1) for k in (0, 1)), self.runs[both].exposure
+        shaded, unshaded = (self._image(f"{kind}_{light}") for kind in (SHADED, UNSHADED))
+        return shaded, unshaded, self.runs[f"{SHADED}_{light}"].exposure
 
     def _enlarged(self, run: str, view: View) -> np.ndarray:
         return self._resampled(self._image(run), view)

@@ -8,7 +8,7 @@ from pipeline.paths import Build
 from pipeline.physics.bulbs import UNSEEN
 from pipeline.plugins.base import Medium
 from pipeline.rendering.emit import Run, Templates
-from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, as_json, dense_samples, fog_runs, hidden,
+from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, SHADOWS, as_json, dense_samples, fog_runs, hidden,
                                      shaded_lights, uneven_samples)
 from pipeline.rendering.work import refuse_too_much
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, scene_place, write_json
@@ -31,7 +31,7 @@ def run(build: Build) -> None:
         runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
                         settings["transmittance"] == "midpoint", settings["transmittance_step"],
                         lights if settings["glow"] == "rendered" else _of_own_template(build, scene),
-                        settings["shadow_size"])
+                        settings["shadow_size"], _surfaces_are_ours(build, scene))
         try:
             refuse_too_much(scene, runs, settings["max_light_samples"])
         except InputError as error:
@@ -50,6 +50,18 @@ def _of_own_template(build: Build, scene: PlacedScene) -> list[str]:
     return [name for name, light in scene.lights.items() if any((folder / light.template_name()).is_file() for folder in own)]
 
 
+#: What states how surfaces look; a scene's own may not know how to let green light through.
+SURFACES = ("in_scattering.pov", "head.inc", "fog_surfaces.inc", "shapes/planar_faces.inc")
+
+
+def _surfaces_are_ours(build: Build, scene: PlacedScene) -> bool:
+    """Whether all shapes are stated by the project's own templates."""
+    names = {*SURFACES, *(shape.template_name() for shape in scene.shapes.values())}
+    folders = Templates(build.source).folders
+    first = [next((folder for folder in folders if (folder / name).is_file()), None) for name in names]
+    return all(folder in (paths.TEMPLATES, paths.INCLUDES) for folder in first)
+
+
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int
                 ) -> list[str]:
     """Why the runs are these and no others, one line a choice."""
@@ -59,8 +71,9 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
         if count and not scene.rendered(name):
             reasons.append(f"{name}: {count} of {scene.lights[name].sub_light_count()} lamps left out, behind {UNSEEN:g}"
                            " optical depths of fog")
-        if any(one.id == f"{SHADED}_{name}" for one in runs):
-            reasons.append(shadow_reason(scene, name))
+        kinds = [kind for kind in (SHADED, SHADOWS) if any(one.id == f"{kind}_{name}" for one in runs)]
+        if kinds:
+            reasons.append(shadow_reason(scene, name, SHADOWS in kinds))
         elif scene.shaded(name) and medium.coefficients()[1].max() > 0:
             reasons.append(f"{name}: V without shadows, by quadrature; only the {MOST_SHADED} brightest lamps have theirs"
                            " rendered")
@@ -93,8 +106,9 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
     return reasons
 
 
-def shadow_reason(scene: PlacedScene, name: str) -> str:
+def shadow_reason(scene: PlacedScene, name: str, in_one: bool) -> str:
     light = scene.lights[name]
     part, count = light.shaded_part(scene.camera.position), light.sub_light_count()
     few = f" of the {part.sub_light_count()} strongest of {count}" if part is not light else ""
-    return f"{name}: V without shadows by quadrature; two small renders tell what shadows{few} take from it"
+    renders = "a small render tells" if in_one else "two small renders tell"
+    return f"{name}: V without shadows by quadrature; {renders} what shadows{few} take from it"
