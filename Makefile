@@ -278,7 +278,7 @@ help:
 	@echo "  make scene=NAME          fog in scenes/NAME, into build/NAME/ (report.html shows all of it)"
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
-	@echo "  make crosscheck scene=NAME   T and V of each light against Mitsuba 3's "
+	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"

@@ -1,8 +1,11 @@
 """What shadows take from a glow: one render in two colours where fog is grey, else two renders."""
 
+import shutil
+
 import numpy as np
 import pytest
 
+from pipeline import paths
 from pipeline.imaging.maps import read_map
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED
 from pipeline.scene.artefacts import read_json
@@ -48,3 +51,13 @@ def test_surfaces_of_the_scenes_own_take_two(tmp_path, name):
     own.write_text("// a person's own\n")
     plan.run(build)
     assert f"{SHADOWS}_area" not in planned(build)
+
+
+def test_looks_of_a_persons_own_take_two(tmp_path, monkeypatch):
+    build = chain(tmp_path, {"area": DESCRIBED["area"]}, box=True)
+    shutil.copytree(paths.TEMPLATES, tmp_path / "templates")
+    edited = tmp_path / "templates" / "shapes" / "cuboid.inc"
+    edited.write_text(edited.read_text() + "box { 0, 1 pigment { rgb 0 } }\n")
+    monkeypatch.setattr(paths, "TEMPLATES", tmp_path / "templates")
+    plan.run(build)
+    assert f"{SHADED}_area" in planned(build)

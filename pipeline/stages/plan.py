@@ -55,11 +55,12 @@ SURFACES = ("in_scattering.pov", "head.inc", "fog_surfaces.inc", "shapes/planar_
 
 
 def _surfaces_are_ours(build: Build, scene: PlacedScene) -> bool:
-    """Whether all shapes are stated by the project's own templates."""
-    names = {*SURFACES, *(shape.template_name() for shape in scene.shapes.values())}
+    """Whether all shapes are stated by the project's own templates, and leave their looks to Fog_Face_Texture."""
+    shapes = {shape.template_name() for shape in scene.shapes.values()}
     folders = Templates(build.source).folders
-    first = [next((folder for folder in folders if (folder / name).is_file()), None) for name in names]
-    return all(folder in (paths.TEMPLATES, paths.INCLUDES) for folder in first)
+    first = {name: next((folder for folder in folders if (folder / name).is_file()), None) for name in {*SURFACES, *shapes}}
+    return all(folder in (paths.TEMPLATES, paths.INCLUDES) for folder in first.values()) and not any(
+        "pigment" in (first[name] / name).read_text(encoding="utf-8") for name in shapes)
 
 
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int
