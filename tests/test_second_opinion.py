@@ -25,7 +25,7 @@ def passes(count, noise, seed=0):
 
 def test_the_noise_is_the_standard_error_of_the_mean():
     for count in (4, 16, 64):
-        found = Estimate(passes(count, 0.4))
+        found = Estimate.of(passes(count, 0.4))
         # the median over 240 values of what is known to 1/sqrt(2 (count - 1))
         assert found.noise(ALL) == pytest.approx(0.4 / 2 / np.sqrt(count), rel=0.15)
         assert np.abs(found.mean - 2).mean() == pytest.approx(0.4 / np.sqrt(count) * np.sqrt(2 / np.pi), rel=0.15)
@@ -37,14 +37,14 @@ def test_a_ratio_of_passes_that_vary_together_has_no_noise():
     assert np.allclose(Estimate.ratio(over, under).mean, 0.5) and Estimate.ratio(over, under).noise(ALL) < 1e-12
     apart = Estimate.ratio(passes(64, 0.2, 1), passes(64, 0.2, 2))
     assert apart.noise(ALL) == pytest.approx(np.sqrt(2) * 0.1 / 8, rel=0.15)
-    quotient = Estimate.quotient(Estimate(passes(64, 0.2, 1)), Estimate(passes(64, 0.2, 2)))
+    quotient = Estimate.quotient(Estimate.of(passes(64, 0.2, 1)), Estimate.of(passes(64, 0.2, 2)))
     assert np.allclose(quotient.mean, apart.mean) and quotient.noise(ALL) == pytest.approx(apart.noise(ALL), rel=0.1)
     black = Estimate.ratio([np.zeros((8, 10, 3))] * 4, [np.zeros((8, 10, 3))] * 4)
     assert not black.used(ALL).any() and black.noise(ALL) == 0
 
 
 def test_black_and_unseen_pixels_do_not_count():
-    one = Estimate([np.concatenate([np.full((8, 5, 3), 2.0), np.full((8, 5, 3), 1e-4)], 1)] * 4)
+    one = Estimate.of([np.concatenate([np.full((8, 5, 3), 2.0), np.full((8, 5, 3), 1e-4)], 1)] * 4)
     assert one.used(ALL)[:, :5].all() and not one.used(ALL)[:, 5:].any()
     seen = ALL.copy()
     seen[:, :5] = False

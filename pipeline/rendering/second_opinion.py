@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable
 
@@ -37,37 +37,35 @@ PROBE_SECONDS = 120
 BLACK = 1e-3
 
 
+@dataclass(frozen=True)
 class Estimate:
-    """The mean (H, W, 3) of independent passes, and the standard error of it."""
+    """A picture (H, W, 3) that was found by chance, and the standard error of it."""
 
-    def __init__(self, passes: list[np.ndarray]):
-        self.mean = np.mean(passes, 0)
-        self.error = np.std(passes, 0, ddof=1) / np.sqrt(len(passes))
+    mean: np.ndarray
+    error: np.ndarray
+
+    @classmethod
+    def of(cls, passes: list[np.ndarray]) -> "Estimate":
+        """The mean of independent passes."""
+        return cls(np.mean(passes, 0), np.std(passes, 0, ddof=1) / np.sqrt(len(passes)))
 
     @classmethod
     def ratio(cls, over: list[np.ndarray], under: list[np.ndarray]) -> "Estimate":
-        """The ratio of two means, NaN where the lower is 0."""
-        result = cls.__new__(cls)
-        mean = np.where(np.mean(under, 0) > 0, np.mean(under, 0), np.nan)
-        result.mean = np.mean(over, 0) / mean
-        result.error = cls([o - result.mean * u for o, u in zip(over, under)]).error / mean
-        return result
+        """The ratio of the means of passes that belong together, NaN where the lower is 0."""
+        below = _or_nan(np.mean(under, 0))
+        ratio = np.mean(over, 0) / below
+        return cls(ratio, cls.of([o - ratio * u for o, u in zip(over, under)]).error / below)
 
     @classmethod
     def total(cls, parts: list["Estimate"]) -> "Estimate":
-        result = cls.__new__(cls)
-        result.mean = sum(part.mean for part in parts)
-        result.error = np.sqrt(sum(part.error**2 for part in parts))
-        return result
+        return cls(sum(part.mean for part in parts), np.sqrt(sum(part.error**2 for part in parts)))
 
     @classmethod
     def quotient(cls, over: "Estimate", under: "Estimate") -> "Estimate":
         """The ratio of two that were found apart, NaN where the lower is 0."""
-        result = cls.__new__(cls)
-        mean = np.where(under.mean > 0, under.mean, np.nan)
-        result.mean = over.mean / mean
-        result.error = np.hypot(over.error, result.mean * under.error) / mean
-        return result
+        below = _or_nan(under.mean)
+        ratio = over.mean / below
+        return cls(ratio, np.hypot(over.error, ratio * under.error) / below)
 
     def used(self, seen: np.ndarray) -> np.ndarray:
         """Where (H, W, 3), of the pixels `seen` (H, W), it is known and not black beside its brightest."""
@@ -80,11 +78,15 @@ class Estimate:
         return float(np.median(self.error[used] / self.mean[used])) if used.any() else 0.0
 
 
+def _or_nan(values: np.ndarray) -> np.ndarray:
+    return np.where(values > 0, values, np.nan)
+
+
 class SecondOpinion:
     """Renders the scene of one fog in Mitsuba, light by light, with scene files beside each other in `folder`."""
 
     def __init__(self, scene: PlacedScene, medium: Medium, strengths: dict[str, np.ndarray], folder: Path, most: int):
-        """most: paths a pixel that no picture may exceed. Raises InputError where Mitsuba is not installed."""
+        """most: paths a pixel after which no picture goes on. Raises InputError where Mitsuba is not installed."""
         try:
             import mitsuba
         except ImportError:
@@ -103,7 +105,7 @@ class SecondOpinion:
         """V of a light (H, W, 3), its lamp visible in it, until the noise where `seen` (H, W) is at most `noise`."""
         picture = self._loaded("in_scattering", light)
         passes: list[np.ndarray] = []
-        return self._until(noise, seen, lambda seed: passes.append(self._pass(picture, seed)), lambda: Estimate(passes))
+        return self._until(noise, seen, lambda seed: passes.append(self._pass(picture, seed)), lambda: Estimate.of(passes))
 
     def transmittance(self, light: str, seen: np.ndarray, noise: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Passes (H, W, 3) of what the light makes white surfaces reflect, in fog on its way alone and without fog."""

@@ -50,9 +50,9 @@ def run(build: Build) -> None:
             facts["not_compared"].append(f"{light} ({scene.lights[light].type_name()}): "
                                          + ("not stated in Mitsuba" if scene.rendered(light) else "closed form"))
     surface = ~(coarse(scattered.without_surface) > 0)
-    depth = scattered.depth
-    varies = np.sqrt(np.maximum(coarse((depth / depth.mean()) ** 2) - coarse(depth / depth.mean()) ** 2, 0)) * depth.mean()
-    smooth = surface & (varies <= SMOOTH * coarse(depth))
+    relative = scattered.depth / scattered.depth.mean()
+    varies = np.sqrt(np.maximum(coarse(relative**2) - coarse(relative) ** 2, 0))
+    smooth = surface & (varies <= SMOOTH * coarse(relative))
     pictures, glows, fogged_of, clear_of = [], [], [], []
     lit, partly = np.zeros((2, height, width), bool)
 
@@ -63,7 +63,7 @@ def run(build: Build) -> None:
 
     if lights:
         depth = second.depth(lights[0])
-        exact = Estimate([depth[..., None]] * 2)
+        exact = Estimate(depth[..., None], np.zeros_like(depth[..., None]))
         facts["maps"]["depth"] = _compared(coarse(scattered.depth)[..., None], exact, smooth & (depth > 0))
         points = scene.camera.position + depth[..., None] * scene.camera.directions(scene.camera.pixel_centres())
         eye = np.exp(-scattered.medium.optical_depth(scene.camera.position, points))
@@ -79,8 +79,8 @@ def run(build: Build) -> None:
         fogged, clear = second.transmittance(light, direct, NOISE * TOLERANCE["T"])
         fogged = [eye * one for one in fogged]
         # the walls with windows are away there, and sunlight is everywhere: it counts where it comes through the windows
-        fogged_of.append(Estimate([one * direct[..., None] for one in fogged]))
-        clear_of.append(Estimate([one * direct[..., None] for one in clear]))
+        fogged_of.append(Estimate.of([one * direct[..., None] for one in fogged]))
+        clear_of.append(Estimate.of([one * direct[..., None] for one in clear]))
         compare(f"T {light}", coarse(scattered.transmittance([light])),
                 Estimate.ratio(fogged, clear), direct)
         facts["maps"][f"T {light}"]["excluded_pixels"] = int((~direct).sum())
