@@ -71,8 +71,7 @@ def chain(folder, lights, *, box=False, fog=None, render=None, photograph=0.5) -
         "fog": fog or {"type": "homogeneous", "absorption_coefficient": [ABSORPTION] * 3,
                        "scattering_coefficient": [SCATTERING] * 3,
                        "phase_function": {"type": "henyey_greenstein", "asymmetry": ASYMMETRY}}}
-    if render:
-        scene["render"] = render
+    scene["render"] = {"quality": "final", "checked_pixels": 0, **(render or {})}
     build.scene_file.write_text(json.dumps(scene))  # JSON is YAML
     run(build)
     return build

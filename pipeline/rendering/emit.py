@@ -126,13 +126,14 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
          albedos: list[list[float]] | None = None, strengths: dict[str, list[float]] | None = None) -> str:
     """The `.pov` text of one run."""
     camera, extent = scene.camera, scene.extent()
-    if (run.width, run.height) != (camera.width, camera.height):
+    if "along" not in run.options and (run.width, run.height) != (camera.width, camera.height):
         camera = camera.resized(run.width, run.height)
     shafts = any(isinstance(scene.lights[name], Sun) for name in run.lights)
     facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width,
              "height": run.height,
              "exposure": run.exposure, "samples": run.samples, "shafts": shafts,
              "scatters": not shafts and all(scene.lights[name].light_source for name in run.lights),
+             "along": None,
              **run.options}
     context: dict[str, Any] = {"run": facts, "channels": [], "bounds": {
         "lowest": float(camera.position[1] - 4 * extent), "highest": float(camera.position[1] + 4 * extent)}}
@@ -184,6 +185,8 @@ def stated_light(run: Run, scene: PlacedScene, name: str) -> Light:
     light = scene.lights[name]
     if "shadows" in run.options:
         light = light.shaded_part(scene.camera.position)
+    if "shadow_lights" in run.options:
+        light = light.coarser(run.options["shadow_lights"])
     return light.finer(*run.options["finer"]) if "finer" in run.options else light
 
 
