@@ -18,8 +18,7 @@ import numpy as np
 from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
-from pipeline.planning.demands import GLOW, RENDERED, SHAFT, SINGLE
-from pipeline.planning.model import Calibration, demands_from_json, errors_of, seconds_of
+from pipeline.planning.model import Calibration, concerned, demands_from_json, seconds_of
 from pipeline.rendering import povray
 from pipeline.rendering.fineness import INTEGRATED, MIDPOINT, Fineness
 from pipeline.rendering.runs import from_json
@@ -35,9 +34,10 @@ FINE = Fineness(in_scattering_size=192, glow_tolerance=0.005, shadow_size=128, s
 LEVELS: dict[str, list[Any]] = {
     "in_scattering_size": [48, 64, 96], "glow_tolerance": [0.1, 0.05, 0.02], "shadow_size": [24, 48, 72],
     "samples": [4, 8, 16], "shadow_lights": [2, 3, 4], "shaft_samples": [6, 12, 24, 48]}
-#: Works whose V a knob has a say in.
-CONCERNS = {"in_scattering_size": (GLOW, RENDERED, SINGLE), "glow_tolerance": (GLOW,), "shadow_size": (GLOW,),
-            "samples": (GLOW,), "shadow_lights": (GLOW,), "shaft_samples": (SHAFT, SINGLE)}
+#: Pixels made as finely as it takes, to which all are compared.
+PIXELS = 200
+#: Share of V below which what a knob adds to its error is lost among the rest.
+LEAST_SHARE = 0.05
 #: Share of the measurements that a law is to lie above: a plan that promises too much helps nobody.
 QUANTILE = 0.8
 #: Exponents are fitted, but kept within what a law of its kind may be.
@@ -81,13 +81,13 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
         case = f"{build.scene}:{build.fog or 'default'}"
         base = _trial(build, FINE)
         for knob, levels in LEVELS.items():
-            if not any(one.work in CONCERNS[knob] and one.share > 0 for one in base["demands"].lights):
+            share = concerned(base["demands"], knob) / max(base["demands"].share(), 1e-12)
+            if not share > LEAST_SHARE:
                 continue
             for level in levels:
                 one = _trial(build, replace(FINE, **{knob: level}))
                 added = _added(one["error"]["in_scattering"], base["error"]["in_scattering"])
-                share = base["demands"].share(CONCERNS[knob]) / max(base["demands"].share(), 1e-12)
-                records.append({"case": case, "knob": knob, "level": level, "error": added / max(share, 1e-3)})
+                records.append({"case": case, "knob": knob, "level": level, "error": added / share})
                 told(f"{case}: {knob} {level}: V {added:.2%}")
         if any(one.half_shadow[MIDPOINT] > 0 for one in base["demands"].lights):
             for mode in (INTEGRATED, MIDPOINT):
@@ -149,7 +149,7 @@ def seconds(room: Build, lit: Build) -> dict[str, float]:
 
 
 def _trial(build: Build, fineness: Fineness) -> dict[str, Any]:
-    trial.run(build, "calibrate", {**trial.settings_of(fineness), "quality": "final"}, fresh=False)
+    trial.run(build, "calibrate", {**trial.settings_of(fineness), "quality": "final", "checked_pixels": PIXELS}, fresh=False)
     made = trial.of(build, "calibrate")
     return {"error": read_json(made.maps)["estimated_error"], "demands": demands_from_json(read_json(made.plan)["demands"])}
 

@@ -27,7 +27,7 @@ class LightDemand:
     """One light: `share` of the foggy picture that its V is (root mean square), and what making it takes.
 
     sub_lights: small lights that it is stated as; side: of their grid. shadows: whether renders tell what they take from
-    V. half_shadow: what T may be off by for each way of making it, as a share of the picture; surface_lights: small
+    V; blurred: whether the edges of one small light's shadow are blurred by others'. half_shadow: what T may be off by for each way of making it, as a share of the picture; surface_lights: small
     lights by which a render of T is lit, 0 where none is made.
     """
 
@@ -37,6 +37,7 @@ class LightDemand:
     sub_lights: int
     side: int
     shadows: bool
+    blurred: bool
     half_shadow: dict[str, float]
     surface_lights: int
 
@@ -60,9 +61,11 @@ class Demands:
     def megapixels(self) -> float:
         return self.width * self.height / 1e6
 
-    def share(self, works: tuple[str, ...] | None = None, shadows: bool = False) -> float:
-        """Of the foggy picture, what the V of lights of these works is, or of those with shadows; all by default."""
-        chosen = [one.share for one in self.lights if (works is None or one.work in works) and (one.shadows or not shadows)]
+    def share(self, *works: str, blurred: bool | None = None) -> float:
+        """Of the foggy picture, what the V of lights of these works is, or of all; of those whose shadows are blurred or not
+        alone, where that is asked."""
+        chosen = [one.share for one in self.lights if (not works or one.work in works) and (
+            blurred is None or (one.shadows and one.blurred == blurred))]
         return float(np.sqrt(sum(one**2 for one in chosen)))
 
     def half_shadow_of_t(self, way: str) -> float:
@@ -86,7 +89,7 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
             name in shaded or (scene.rendered(name) and scene.casts_shadows()))
         found.append(LightDemand(
             name, _work(scene, medium, name, shaded, by_template), _rms(glows[name] / level), one.sub_light_count(),
-            getattr(one, "sub_lights", 1), shadows, _half_shadow(scene, medium, name, points, dimmed / level),
+            getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED, _half_shadow(scene, medium, name, points, dimmed / level),
             _surface_lights(scene, medium, name)))
     depth = float(np.add(*medium.coefficients()).max()) * 2 * scene.extent()
     return Demands(scene.camera.width, scene.camera.height, len(scene.faces()), steps, depth,

@@ -21,6 +21,11 @@ from pipeline.rendering.runs import glow_size
 
 #: Constants as measured on one machine; those of this machine stand in the build folder once `make calibrate` ran.
 CARRIED = Path(__file__).with_name("calibration.json")
+#: Works whose V a knob has a say in, and whether in shadows that are blurred, in others, or in all.
+CONCERNS: dict[str, tuple[tuple[str, ...], bool | None]] = {
+    "in_scattering_size": ((GLOW, RENDERED, SINGLE), None), "glow_tolerance": ((GLOW,), None),
+    "shadow_size": ((GLOW,), True), "samples": ((GLOW, RENDERED), True), "shadow_lights": ((GLOW,), True),
+    "shaft_samples": ((SHAFT, SINGLE, RENDERED), False)}
 
 
 @dataclass(frozen=True)
@@ -81,8 +86,8 @@ def _render_seconds(demand: Demands, light: LightDemand, fineness: Fineness, c: 
     if light.work == SHAFT:
         return c["shaft_sample"] * demand.megapixels * 1e6 * max(fineness.shaft_samples, fewest)
     if light.work == RENDERED:
-        return per_sample * _pixels(demand, fineness.in_scattering_size) * max(fineness.samples, fewest
-                                                                               ) * light.sub_lights * through
+        samples = fineness.samples if light.blurred else fineness.shaft_samples
+        return per_sample * _pixels(demand, fineness.in_scattering_size) * max(samples, fewest) * light.sub_lights * through
     return 0.0
 
 
@@ -93,19 +98,15 @@ def error_of(demand: Demands, fineness: Fineness, constants: Calibration) -> flo
 
 def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> dict[str, float]:
     """The same by what makes it."""
-    glow = demand.share((GLOW, RENDERED, SINGLE))
-    integrated = demand.share((GLOW,))
-    blurred = demand.share((GLOW,), shadows=True)
-    single = demand.share((SHAFT, SINGLE))
     return {
-        "in_scattering_size": glow * _law(constants, "in_scattering_size", fineness.in_scattering_size),
-        "glow_tolerance": integrated * _law(constants, "glow_tolerance", fineness.glow_tolerance),
-        "shadow_size": blurred * _law(constants, "shadow_size", fineness.shadow_size),
-        "samples": blurred * _law(constants, "samples", fineness.samples),
-        "shadow_lights": blurred * _law(constants, "shadow_lights", fineness.shadow_lights),
-        "shaft_samples": single * _law(constants, "shaft_samples", fineness.shaft_samples),
+        **{knob: concerned(demand, knob) * _law(constants, knob, getattr(fineness, knob)) for knob in CONCERNS},
         "transmittance": constants.error["half_shadow"][0] * float(np.sqrt(sum(
             one.half_shadow[fineness.transmittance] ** 2 for one in demand.lights)))}
+
+
+def concerned(demand: Demands, knob: str) -> float:
+    """Share of the foggy picture in whose V a knob has a say."""
+    return demand.share(*CONCERNS[knob][0], blurred=CONCERNS[knob][1])
 
 
 def _law(constants: Calibration, knob: str, level: float) -> float:

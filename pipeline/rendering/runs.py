@@ -84,7 +84,7 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], fineness: Fi
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
                 options = {"shadow_lights": fineness.shadow_lights} if blurred else {}
-                runs += _shadow_runs(Run("", "in_scattering", [light], *shadow, exposure, count, options),
+                runs += _shadow_runs(Run("", "in_scattering", [light], *(shadow if blurred else glow), exposure, count, options),
                                      in_one and grey)
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
