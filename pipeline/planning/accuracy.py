@@ -34,8 +34,8 @@ def relative_error(found: np.ndarray, true: np.ndarray, weights: np.ndarray | No
 
 #: Draws with replacement that tell how uncertain an estimate from few pixels is.
 RESAMPLED = 400
-#: Share of cases in which the true error is to lie below `at_most`.
-CONFIDENCE = 0.95
+#: Quantile of the draws that `at_most` is: of few pixels, 0.98 of the draws bound some 95 % of the true errors (measured).
+CONFIDENCE = 0.98
 
 
 def error_estimate(radiance: np.ndarray, found: tuple[np.ndarray, np.ndarray], true: tuple[np.ndarray, np.ndarray],

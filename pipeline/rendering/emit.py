@@ -18,6 +18,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.plugins.base import Light, Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
+from pipeline.rendering.pruning import without_unused_macros
 from pipeline.rendering.sandbox import FIXED, BoundedEnvironment, in_time, joined
 from pipeline.scene.placed import PlacedScene
 
@@ -170,14 +171,14 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
         lights.append(templates.of_plugin(stated_light(run, scene, name), {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
-    return templates.render(f"{run.kind}.pov", {
+    return without_unused_macros(templates.render(f"{run.kind}.pov", {
         **context, "blocks": blocks, "albedos": albedos or [],
         "metre": scene.exporter.scale(extent), "extent": 4 * extent, "backdrop": backdrop,
         "camera": {
             "position": camera.position, "right": camera.world_from_camera[:, 0],
             "down": camera.world_from_camera[:, 1],
             "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
-            "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
+            "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}}))
 
 
 def stated_light(run: Run, scene: PlacedScene, name: str) -> Light:
