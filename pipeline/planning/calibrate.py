@@ -20,7 +20,7 @@ from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
 from pipeline.planning.model import Calibration, concerned, demands_from_json, seconds_of
 from pipeline.rendering import povray
-from pipeline.rendering.fineness import INTEGRATED, MIDPOINT, Fineness
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
 from pipeline.rendering.runs import from_json
 from pipeline.rendering.work import light_samples
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
@@ -36,13 +36,15 @@ LEVELS: dict[str, list[Any]] = {
     "samples": [4, 8, 16], "shadow_lights": [2, 3, 4], "shaft_samples": [6, 12, 24, 48]}
 #: Pixels made as finely as it takes, to which all are compared.
 PIXELS = 200
+#: Longer sides [pixel] of T's renders that are measured.
+T_SIZES = [64, 128]
 #: Share of V below which what a knob adds to its error is lost among the rest.
 LEAST_SHARE = 0.05
 #: Share of the measurements that a law is to lie above: a plan that promises too much helps nobody.
 QUANTILE = 0.8
 #: Exponents are fitted, but kept within what a law of its kind may be.
 EXPONENTS = {"in_scattering_size": (-2.0, -1.0), "glow_tolerance": (0.4, 1.0), "shadow_size": (-2.0, -0.7),
-             "samples": (-1.5, -0.8), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
+             "samples": (-1.5, -0.8), "transmittance_size": (-1.5, -0.5), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
 
 
 def calibrate(scenes: Path, builds: Path) -> Path:
@@ -90,17 +92,22 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
                 records.append({"case": case, "knob": knob, "level": level, "error": added / share})
                 told(f"{case}: {knob} {level}: V {added:.2%}")
         if any(one.half_shadow[MIDPOINT] > 0 for one in base["demands"].lights):
-            for mode in (INTEGRATED, MIDPOINT):
-                one = base if mode == INTEGRATED else _trial(build, replace(FINE, transmittance=mode))
-                records.append({"case": case, "knob": "half_shadow", "level": mode,
-                                "error": one["error"]["transmittance"] / base["demands"].half_shadow_of_t(mode)})
+            surfaces = base["demands"].surfaces
+            for knob, level, change in (("half_shadow", INTEGRATED, {}), ("half_shadow", MIDPOINT, {"transmittance": MIDPOINT}),
+                                        *(("transmittance_size", size, {"transmittance": AREA, "transmittance_size": size})
+                                          for size in T_SIZES)):
+                one = _trial(build, replace(FINE, **change)) if change else base
+                spread = base["demands"].half_shadow(level if knob == "half_shadow" else INTEGRATED)
+                records.append({"case": case, "knob": knob, "level": level,
+                                "error": one["error"]["transmittance"] * surfaces / max(spread, 1e-12)})
+                told(f"{case}: {knob} {level}: T {one['error']['transmittance']:.2%}")
     return records
 
 
 def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
     """Factor and exponent of each knob, and the factor of half-shadows, so that most of what was measured lies below."""
     found = {}
-    for knob in LEVELS:
+    for knob in (*LEVELS, "transmittance_size"):
         own = [one for one in records if one["knob"] == knob and one["error"] > 1e-6]
         low, high = EXPONENTS[knob]
         slopes = []

@@ -68,9 +68,9 @@ class Demands:
             blurred is None or (one.shadows and one.blurred == blurred))]
         return float(np.sqrt(sum(one**2 for one in chosen)))
 
-    def half_shadow_of_t(self, way: str) -> float:
-        """By how much the ways from the lamps' parts differ, as a share of T, where T is made in this way."""
-        return float(np.sqrt(sum(one.half_shadow[way] ** 2 for one in self.lights))) / max(self.surfaces, 1e-12)
+    def half_shadow(self, way: str) -> float:
+        """By how much the ways from the lamps' parts differ, as a share of the picture, where T is made in this way."""
+        return float(np.sqrt(sum(one.half_shadow[way] ** 2 for one in self.lights)))
 
 
 def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strengths: dict[str, np.ndarray],

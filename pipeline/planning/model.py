@@ -16,7 +16,7 @@ import numpy as np
 from pipeline import paths
 from pipeline.errors import InputError
 from pipeline.planning.demands import GLOW, RENDERED, SHAFT, SINGLE, Demands, LightDemand
-from pipeline.rendering.fineness import AREA, Fineness
+from pipeline.rendering.fineness import AREA, INTEGRATED, Fineness
 from pipeline.rendering.runs import glow_size
 
 #: Constants as measured on one machine; those of this machine stand in the build folder once `make calibrate` ran.
@@ -64,7 +64,8 @@ def seconds_of(demand: Demands, fineness: Fineness, constants: Calibration) -> f
             integrated += _pixels(demand, fineness.in_scattering_size) * _glow_ray(fineness.glow_tolerance, c)
         if fineness.transmittance == AREA and light.surface_lights:
             renders += 2
-            in_povray += c["surface_light"] * (1 + c["face"] * demand.faces) * demand.megapixels * light.surface_lights
+            megapixels = _pixels(demand, fineness.transmittance_size) / 1e6
+            in_povray += c["surface_light"] * (1 + c["face"] * demand.faces) * megapixels * light.surface_lights
     total += (integrated + in_povray + renders * c["render"]) / constants.cores
     return total + (c["wait"] if renders else 0.0)
 
@@ -100,8 +101,17 @@ def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> di
     """The same by what makes it."""
     return {
         **{knob: concerned(demand, knob) * _law(constants, knob, getattr(fineness, knob)) for knob in CONCERNS},
-        "transmittance": constants.error["half_shadow"][0] * float(np.sqrt(sum(
-            one.half_shadow[fineness.transmittance] ** 2 for one in demand.lights)))}
+        "transmittance": _half_shadow(demand, fineness, constants)}
+
+
+def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
+    way = fineness.transmittance
+    if way != AREA:
+        return constants.error["half_shadow"][0] * demand.half_shadow(way)
+    if fineness.transmittance_size >= max(demand.width, demand.height):
+        return 0.0
+    # a smaller render blurs half-shadows, by which the ways of a lamp's parts differ
+    return demand.half_shadow(INTEGRATED) * _law(constants, "transmittance_size", fineness.transmittance_size)
 
 
 def concerned(demand: Demands, knob: str) -> float:

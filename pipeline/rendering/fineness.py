@@ -21,7 +21,7 @@ class Fineness:
     shadow_lights: side of the grid of small lights that stands for an area light in them, at most.
     shaft_samples: points along a ray inside a shaft, or in the glow of a single lamp, whose shadows nothing blurs.
     optical_step: most optical depths between two of those points; density_steps: most of them where a fog's density
-    varies. transmittance: AREA, INTEGRATED or MIDPOINT. transmittance_step: most optical depths that a small part of a
+    varies. transmittance: AREA, INTEGRATED or MIDPOINT. transmittance_size: of its renders. transmittance_step: most optical depths that a small part of a
     lamp may span for T.
     """
 
@@ -34,6 +34,7 @@ class Fineness:
     optical_step: float = 1 / 3
     density_steps: int = 128
     transmittance: str = AREA
+    transmittance_size: int = 20000
     transmittance_step: float = 0.05
 
     def stated(self, settings: dict[str, Any]) -> "Fineness":

@@ -110,12 +110,14 @@ def _transmittance_runs(scene: PlacedScene, medium: Medium, light: str, fineness
     brightest = clear if uneven else clear * clearest * np.exp(-extinction.min() * path)
     finer = one.finer(fineness.transmittance_step, float(extinction.max()))
     options = {} if finer is one else {"finer": [fineness.transmittance_step, float(extinction.max())]}
-    fogged = Run(f"transmittance_{light}", "transmittance", [light], scene.camera.width, scene.camera.height,
+    full = scene.camera.width, scene.camera.height
+    size = full if one.midpoint() is None else glow_size(*full, fineness.transmittance_size)
+    fogged = Run(f"transmittance_{light}", "transmittance", [light], *size,
                  _exposure(level, brightest), uneven_samples(scene, medium, "transmittance", fineness), options)
-    if not options:
+    if not options and size == full:
         return [fogged]
-    # what is divided by must be lit by the same small lights
-    return [replace(irradiance_run(scene, light), id=f"clear_{light}", options=options), fogged]
+    # what is divided by must be lit by the same small lights, and be of the same size
+    return [replace(irradiance_run(scene, light), id=f"clear_{light}", width=size[0], height=size[1], options=options), fogged]
 
 
 def _shadow_runs(run: Run, in_one: bool) -> list[Run]:

@@ -246,12 +246,36 @@ class Scattered:
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
         if not rendered:
             return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
+        if not self._is_full_size(f"transmittance_{light}"):
+            way = self._rendered_way(light, view)
+            return strength, clear, clear * eye * way * entry, indirect, indirect * eye * way
         fogged = self._image(f"transmittance_{light}")[view.where]
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
         off_middle = self._off_middle(reduced, clear * eye * on_the_way, digits, view)
         return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way * off_middle), indirect,
                 indirect * eye * on_the_way * off_middle)
+
+    def _rendered_way(self, light: str, view: View) -> np.ndarray:
+        """Transmittance (..., 3) of the light's way to the surfaces, by renders that are smaller than the photograph."""
+        if light not in self.ways:
+            fogged, basis = self._image(f"transmittance_{light}"), self._image(f"clear_{light}")
+            camera = self.scene.camera.resized(fogged.shape[1], fogged.shape[0])
+            depth = self._solid_depth(camera.width, camera.height, view)
+            points = camera.position + depth[..., None] * camera.directions(camera.pixel_centres())
+            from_middle = np.exp(-self.medium.optical_depth(self.scene.lights[light].midpoint(), points))
+            digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
+            both = np.exp(-self.medium.optical_depth(camera.position, points)) * from_middle
+            ratio = fogged / self.runs[f"transmittance_{light}"].exposure * self.runs[f"clear_{light}"].exposure
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                ratio = np.where(digits & (both > 0), ratio / (basis * both), 1.0)
+            pixel = depth / float(np.mean(camera.focal_length))
+            off_middle = carried(np.clip(ratio, 1 / MOST_OFF_MIDDLE, MOST_OFF_MIDDLE), digits.all(-1), points, pixel)
+            self.ways[light] = np.clip(off_middle * from_middle, 0, 1)
+        return self._resampled(self.ways[light], view)
+
+    def _is_full_size(self, run: str) -> bool:
+        return (self.runs[run].height, self.runs[run].width) == self.depth.shape
 
     def _way(self, light: str, view: View) -> np.ndarray:
         """Transmittance (..., 3) of the light's way to the surfaces, by an integral over its area: as smooth as glow."""
@@ -284,7 +308,7 @@ class Scattered:
         """Irradiance/pi of the light without fog times an exposure, and that, of as many small lights as the render with
         fog has."""
         finer = f"clear_{light}"
-        if finer in self.runs:
+        if finer in self.runs and self._is_full_size(finer):
             return self._image(finer), self.runs[finer].exposure
         image = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)
         return image, read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]

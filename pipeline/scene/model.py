@@ -116,6 +116,9 @@ class RenderSettings(Model):
         None, description="of a lamp's light on its way to surfaces: rendered over its area, as half-shadows in dense"
                                " fog need it; averaged over its area without a render; or from its midpoint, as in the"
                                " paper (eq. 5)")
+    transmittance_size: Annotated[int, Field(ge=16, le=20000)] | None = parameter(
+        None, "pixel", description="longer side at which the light's way to surfaces is rendered; 20000 is any photograph's"
+                                   " own")
     transmittance_step: Annotated[float, Field(gt=1e-3, le=100)] | None = parameter(
         None, "1", description="optical depth that a small part of a lamp may span for T; smaller is more accurate in"
                                     " half-shadows in dense fog")
