@@ -61,18 +61,14 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
         own = np.array([one[:2] for one in fronts[-1]]) - finest
         seconds, error = ((total[:, None] + one).ravel() for total, one in ((seconds, own[:, 0]), (error, own[:, 1])))
     if budget is not None:
-        enough = seconds <= budget
+        enough, wanted = seconds <= budget, (error, seconds)
+        if not enough.any():
+            enough, wanted = np.full(len(seconds), True), (seconds, error)
     else:
-        # the maps are products too, and are not to be much worse than the picture
         of_t = np.add.outer(np.zeros([len(one) for one in fronts[:-1]]), [one[1] for one in fronts[-1]]).ravel() - finest[1]
-        enough = ((error <= (MARGIN * tolerance) ** 2)
-                  & (error - of_t <= (OF_MAPS * tolerance * demand.share()) ** 2)
-                  & (of_t <= (OF_MAPS * tolerance * demand.surfaces) ** 2))
-    wanted = (error, seconds) if budget is not None else (seconds, error)
-    if not enough.any():
-        # nothing is: the nearest to it
-        enough = np.full(len(seconds), True)
-        wanted = wanted[::-1]
+        enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, OF_MAPS * tolerance * demand.share())
+                  & _within(of_t, OF_MAPS * tolerance * demand.surfaces))
+        wanted = seconds, error
     best = np.flatnonzero(enough)[np.lexsort([one[enough] for one in wanted[::-1]])[0]]
     chosen: dict[str, Any] = {}
     for front, index in zip(fronts, np.unravel_index(best, [len(one) for one in fronts])):
@@ -80,6 +76,11 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
     fineness = Fineness(**chosen, optical_step=step).stated(settings)
     return Choice(fineness, None if budget is not None else tolerance, seconds_of(demand, fineness, constants),
                   error_of(demand, fineness, constants))
+
+
+def _within(squared: np.ndarray, limit: float) -> np.ndarray:
+    """Whether squared errors are below a limit; where none is, as near to the least as a half of the limit lets."""
+    return squared <= max(limit**2, float(squared.min()) + (limit / 2) ** 2)
 
 
 def _front(group: dict[str, list[Any]], measured: Callable[[Fineness], tuple[float, float]]
