@@ -17,7 +17,7 @@ from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit, write_side_files
 from pipeline.rendering.runs import from_json
 from pipeline.rendering.scattered import Scattered
-from pipeline.scene.artefacts import read_fog, read_json, read_placed
+from pipeline.scene.artefacts import read_fog, read_json
 
 #: Kinds of the runs that each map is made of.
 KINDS = {"V": {"in_scattering"}, "T": {"transmittance", "irradiance"}}
@@ -29,17 +29,16 @@ def file_of(build: Build, name: str) -> Path:
 
 def make(build: Build, name: str) -> None:
     """Emits, renders and works out V or T by the build's plan, with nothing of it rendered before."""
-    scene, medium, templates = read_placed(build), read_fog(build), Templates(build.source)
+    scattered, medium, templates = Scattered(build), read_fog(build), Templates(build.source)
     plan, settings, jobs = read_json(build.plan), read_json(build.input("render")), []
     runs = [one for one in map(from_json, plan["runs"]) if one.kind in KINDS[name]]
     build.pov.mkdir(parents=True, exist_ok=True)
     for run in runs:
         jobs.append((build.pov / f"{run.id}.pov", build.runs / f"{run.id}.exr", run.width, run.height))
-        jobs[-1][0].write_text(emit(run, scene, templates, medium=medium), encoding="utf-8")
+        jobs[-1][0].write_text(emit(run, scattered.scene, templates, medium=medium), encoding="utf-8")
     if runs:
         write_side_files(build.pov, medium)
         povray.render_together(jobs, threads=settings["threads"], timeout=settings["timeout"], told=lambda *_: None)
-    scattered = Scattered(build)
     if name == "T":
         made = scattered.transmittance(plan["lights"])
     else:
