@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.errors import InputError
+from pipeline.scene.artefacts import read_json
+from tests.benchmarks import __main__ as bench
 from tests.benchmarks import table
 from tests.benchmarks.cases import Measured
 from tests.benchmarks.table import Row
@@ -106,3 +109,37 @@ def test_errors_of_pixels():
     # differences 0.01, 0.04, 0, 0.02, 0.04, 0 over values 1, 2, 4, 2, 2, 2
     assert errors(found, true)["rms"] == pytest.approx(np.sqrt(0.0037 / 33))
     assert errors(np.full_like(true, np.nan), true)["rms"] == pytest.approx(1.0), "what is not found is black"
+
+
+@pytest.fixture
+def made_up(monkeypatch, tmp_path):
+    """Two cases whose seconds are the number of the round, and the project's own files in a folder of the test."""
+    works = {name: lambda number, name=name: {f"{name}, all": Measured(float(number), 1.0), name: Measured(2.0 * number, 1.0)}
+             for name in ("second", "first")}
+    monkeypatch.setattr(bench.cases, "works", lambda folder, mitsuba, only: {n: w for n, w in works.items() if only in n})
+    monkeypatch.setattr(bench.machine, "described", lambda: MACHINE)
+    for name, file in (("HISTORY", "history.csv"), ("RESULTS", "results.md")):
+        monkeypatch.setattr(bench, name, tmp_path / file)
+    return tmp_path
+
+
+def test_only_a_record_changes_what_the_project_carries(made_up, capsys):
+    bench.run(made_up, 3, "", record=False)
+    assert not bench.HISTORY.exists() and not bench.RESULTS.exists()
+    text = (made_up / "bench.md").read_text()
+    assert text == capsys.readouterr().out.removesuffix("\n") and "Nothing is recorded" in text
+    assert [one["case"] for one in read_json(made_up / "bench.json")["rows"]] == [
+        "second, all", "second", "first, all", "first"], "in the order of the cases, whichever came first"
+    for _ in range(2):
+        bench.run(made_up, 3, "", record=True)
+    assert "+0%" in bench.RESULTS.read_text(), "against the first record"
+    kept = table.read_history(bench.HISTORY.read_text())
+    assert [(one["case"], one["seconds"]) for one in kept] == 2 * [
+        ("second, all", "2.000"), ("second", "4.000"), ("first, all", "2.000"), ("first", "4.000")]
+
+
+@pytest.mark.parametrize("repeats, only, record, says", [
+    (0, "", False, "repeats=0; give a number"), (1, "second", True, "record all cases"), (1, "third", False, "no case")])
+def test_refusals(made_up, repeats, only, record, says):
+    with pytest.raises(InputError, match=says):
+        bench.run(made_up, repeats, only, record)

@@ -15,7 +15,17 @@ SLOWER = 1.2
 ASKED = {"cornell V": {"seconds": 2.5, "median": 0.01, "rms": 0.03}, "cornell T": {"seconds": 1.5, "median": 0.005},
          "bathroom draft, rendering": {"seconds": 2.0}, "bathroom normal, rendering": {"seconds": 6.0},
          "building draft, rendering": {"seconds": 2.0}, "building normal, rendering": {"seconds": 6.0}}
-WORDS = {"median": "{} in the median", "rms": "{} RMS", "relative_error": "{} estimated", "at_most": "at most {}"}
+WORDS = {"median": "{} in the median", "rms": "{} RMS", "checked": "{}", "estimated": "says {} of itself",
+         "at_most": "at most {}"}
+#: Said below the head, and below the comparison.
+HOW = ("Medians of {rounds}, in which all cases take turns. Wall time of processes of their own, their start included; nothing"
+       " was rendered before. Processor: seconds of all cores together, which others' work on the machine changes less. Errors"
+       " of T and V: against quadrature, at 1500 pixels; of fogs: at 300 that were made as finely as it takes, beside what the"
+       " fog says of itself by fewer.")
+EQUALLY = ("Single scattering (volpath, max_depth 2) of the exported scene, start and loading included, errors at the same pixels;"
+           " T is a ratio of two of its renders. Its error is extrapolated as if it always fell with the square root of the"
+           " paths, though its pixels are averages and the truth is of their centres.")
+SCALAR = " Its vectorised variants do not work here; where they do they may be several times as fast."
 MITSUBA = re.compile(r"(cornell [VT]) Mitsuba (\d+)")
 
 
@@ -123,24 +133,18 @@ def last(history: list[dict[str, str]], machine: dict) -> dict[str, dict[str, st
 
 
 def markdown(rows: list[Row], machine: dict, date: str, history: list[dict[str, str]]) -> str:
-    mitsuba = machine["mitsuba"]
+    mitsuba, rounds = machine["mitsuba"], len(rows[0].seconds)
     parts = ["# Benchmarks", "",
-             f"{date}, {machine['cpu']}, {machine['cores']} cores, load {machine['load']:g} before; commit {machine['commit']},"
-             f" Python {machine['python']}, POV-Ray {machine['povray']}"
+             f"{date}, {machine['cpu']}, {machine['cores']} cores, load {machine['load']:g} before; commit"
+             f" {machine['commit']}, Python {machine['python']}, POV-Ray {machine['povray']}"
              + (f", Mitsuba {mitsuba['version']} {mitsuba['variant']}." if mitsuba else "."), "",
-             f"Medians of {len(rows[0].seconds) if rows else 0} rounds, in which all cases take turns. Wall time of processes of"
-             " their own, their start included; nothing was rendered before. Processor: seconds of all cores together, which others'"
-             " work on the machine changes less.", "",
+             HOW.format(rounds=f"{rounds} rounds" if rounds != 1 else "1 round"), "",
              *_grid(["case", "seconds", "from - to", "processor", "error", "asked", "met"], [_cells(one) for one in rows]), ""]
     parts += ["## At equal error in Mitsuba 3", ""]
     if equal := equal_errors(rows):
         parts += [*_grid(["map", "error", "ours, s", "Mitsuba, s", "times as long", "paths a pixel", ""],
                          [_equal_cells(case, one, rows) for case, both in equal.items() for one in both]), ""]
-        parts += ["Single scattering (volpath, max_depth 2) of the exported scene, start and loading included, errors at the"
-                  " same pixels; T is a ratio of two of its renders. Error falls with the square root of the paths: extrapolated as"
-                  " if it went on so for ever, though its pixels are averages and the truth is of their centres."
-                  + (" Its vectorised variants do not work here and may be several times as fast."
-                     if mitsuba and mitsuba["variant"].startswith("scalar") else ""), ""]
+        parts += [EQUALLY + (SCALAR if mitsuba and mitsuba["variant"].startswith("scalar") else ""), ""]
     elif mitsuba is None:
         parts += ["Left out: Mitsuba 3 is not installed; run: make setup-mitsuba", ""]
     else:
