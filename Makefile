@@ -330,6 +330,8 @@ help:
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
+	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"
+	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"

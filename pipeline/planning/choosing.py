@@ -18,7 +18,7 @@ TOLERANCE = {"draft": 0.05, "normal": 0.01, "final": 0.002}
 #: Levels of each knob, coarse to fine; those of a group cost and err together.
 GROUPS: list[dict[str, list[Any]]] = [
     {"in_scattering_size": [48, 64, 96, 128, 192, 256, 384, 512], "glow_tolerance": [0.1, 0.05, 0.02, 0.005, 0.002]},
-    {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48],
+    {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48, 72, 96],
      "shadow_lights": [2, 3, 4, 5, 8]},
     {"shaft_samples": [6, 12, 24, 48, 72, 144]},
     {"transmittance": [INTEGRATED, AREA], "transmittance_size": [96, 160, 256, 20000]},
@@ -30,6 +30,8 @@ MARGIN = 0.8
 OPTICAL_STEP, COARSE = 1 / 3, 0.03
 #: So many times as far off as the picture may T and V be: they are products too.
 OF_MAPS = 1.0
+#: Below this their errors are asked for by no picture, and cost most of the time.
+LEAST_OF_MAPS = 0.005
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,9 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
             enough, wanted = np.full(len(seconds), True), (seconds, error)
     else:
         of_t = np.add.outer(np.zeros([len(one) for one in fronts[:-1]]), [one[1] for one in fronts[-1]]).ravel() - finest[1]
-        enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, OF_MAPS * tolerance * demand.share())
-                  & _within(of_t, OF_MAPS * tolerance * demand.surfaces))
+        of_maps = max(OF_MAPS * tolerance, LEAST_OF_MAPS)
+        enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, of_maps * demand.share())
+                  & _within(of_t, of_maps * demand.surfaces))
         wanted = seconds, error
     best = np.flatnonzero(enough)[np.lexsort([one[enough] for one in wanted[::-1]])[0]]
     chosen: dict[str, Any] = {}
