@@ -225,12 +225,13 @@ $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_file
   $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py) pipeline/planning/*) $(call code,plan,$(geometry))
 	$(run) plan
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
-  $(filter-out $(clear_templates) $(closure_templates),$(templates)) pipeline/rendering/emit.py $(call code,emit,$(geometry))
+  $(filter-out $(clear_templates) $(closure_templates),$(templates)) $(wildcard $(addprefix pipeline/rendering/,emit.py pruning.py)) $(call code,emit,$(geometry))
 	$(run) emit
 $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(wildcard $(O)/pov/*.pov))) \
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(run) render
 $(O)/maps.json: $(call beside,$(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
+  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
 	$(run) decompose
 $(O)/foggy.png: $(call beside,$(O)/foggy.exr) $(O)/maps.json $(S)/photograph.json pipeline/physics/composition.py \
