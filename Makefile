@@ -317,7 +317,7 @@ help:
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
-	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some ten minutes"
+	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
