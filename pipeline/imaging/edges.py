@@ -156,7 +156,7 @@ class _Tile:
         # far from the outline what was drawn holds, and in a crown's middle holes grow rare
         drawn = _smoothstep((self.away - self.hold) / (self.reach - self.hold))
         alpha = np.where(mixed, alpha * (1 - drawn) + self.nearer * drawn, 1.0)
-        front, behind = _adding_up(self.photograph, alpha, front, behind)
+        front, behind = adding_up(self.photograph, alpha, front, behind)
         return EdgeLayers(alpha, self.front_depth, self.behind_depth, front, behind)
 
     def _means(self, of_pixel: np.ndarray, weight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -237,7 +237,7 @@ def _nearest(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return distance, table[label]
 
 
-def _adding_up(photograph, alpha, front, behind) -> tuple[np.ndarray, np.ndarray]:
+def adding_up(photograph, alpha, front, behind) -> tuple[np.ndarray, np.ndarray]:
     """Colours moved as little as may be so that they mix to the photograph, none below 0."""
     a, b = alpha[..., None], 1 - alpha[..., None]
     missing = (photograph - a * front - b * behind) / (a**2 + b**2)

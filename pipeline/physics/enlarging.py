@@ -18,8 +18,12 @@ import numpy as np
 DEPTH_TOLERANCE = 0.05
 #: Weight of a pixel of another surface, where its depth is alike.
 OTHER_SURFACE = 1e-4
-#: Weight of pixels beyond the nearest four, which count where none of these does.
-FARTHER = 1e-3
+#: Weight of a pixel that is as far as the next but one.
+BEYOND = 1e-3
+#: Weight of the nearest four together below which those round them are asked, too.
+ENOUGH = 1e-2
+NEAREST = [(dy, dx) for dy in (0, 1) for dx in (0, 1)]
+FARTHER = [(dy, dx) for dy in (-1, 0, 1, 2) for dx in (-1, 0, 1, 2) if (dy, dx) not in NEAREST]
 #: Of the depth within four pixels, by which it may vary within one thing whose faces are not told apart.
 SMOOTH = 1.1
 #: Key of a pixel of which only the depth is known.
@@ -31,6 +35,41 @@ def eye_path(extinction: np.ndarray, density: np.ndarray, depth: np.ndarray) -> 
     """exp(-tau) and 1 - exp(-tau), (..., 3), of rays of a mean density (...) and depth (...) [m]."""
     tau = (density * depth)[..., None] * np.asarray(extinction, np.float32)
     return np.exp(-tau), -np.expm1(-tau)
+
+
+def centres(size: tuple[int, int], small: tuple[int, int]) -> list[np.ndarray]:
+    """Rows (H,) and columns (W,) at which pixels of an image of this size (H, W) lie in a `small` one (h, w), counted
+    from pixel centres."""
+    return [((np.arange(many) + 0.5) * few / many - 0.5).astype(np.float32) for many, few in zip(size, small)]
+
+
+def bilinear(values: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
+    """An image (h, w, c) at rows y (n,), as of `centres`, and at `width` columns."""
+    y = np.clip(y, 0, len(values) - 1)
+    y0 = np.floor(y).astype(np.int32)
+    down = (y - y0)[:, None, None]
+    rows = values[y0] * (1 - down) + values[np.minimum(y0 + 1, len(values) - 1)] * down
+    if rows.shape[1] == width:
+        return rows
+    result = np.empty((len(y), width, values.shape[2]), np.float32)
+    for k in range(0, values.shape[2], 4):
+        part = np.ascontiguousarray(rows[..., k:k + 4])
+        result[..., k:k + 4] = cv2.resize(part, (width, len(y)), interpolation=cv2.INTER_LINEAR).reshape(
+            len(y), width, -1)
+    return result
+
+
+def _cells(key: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Key (h, w) of each pixel, the next, and those below, where it is one; where only depth tells, if that is alike."""
+    window, border = np.ones((2, 2), np.uint8), {"anchor": (0, 0), "borderType": cv2.BORDER_REPLICATE}
+    code = key.astype(np.float32)
+    one = cv2.erode(code, window, **border) == cv2.dilate(code, window, **border)
+    near = cv2.dilate(depth, window, **border) <= SMOOTH * cv2.erode(depth, window, **border)
+    return np.where(one & ((key != UNKNOWN) | near), key, UNKNOWN - 1)
+
+
+def _near(depth: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return (depth < SMOOTH * other) & (other < SMOOTH * depth)
 
 
 def layer_values(extinction: np.ndarray, depth: np.ndarray, density: np.ndarray, transmittance: np.ndarray,
@@ -74,20 +113,14 @@ class Enlarging:
     def __init__(self, small: Small, size: tuple[int, int], extinction: np.ndarray):
         self.small, self.size, self.extinction = small, size, np.asarray(extinction, np.float32)
         rows, columns = small.depth.shape
-        self.y, self.x = (((np.arange(many) + 0.5) * few / many - 0.5).astype(np.float32)
-                          for few, many in zip((rows, columns), size))
-        # four pixels of one key, as far as one another where keys do not tell
-        window = np.ones((2, 2), np.uint8)
-        key = small.key.astype(np.float32)
-        border = {"anchor": (0, 0), "borderType": cv2.BORDER_REPLICATE}
-        one = cv2.erode(key, window, **border) == cv2.dilate(key, window, **border)
-        near = cv2.dilate(small.depth, window, **border) <= SMOOTH * cv2.erode(small.depth, window, **border)
-        self.cell = np.where(one & ((small.key != UNKNOWN) | near), small.key, UNKNOWN - 1)
+        self.y, self.x = centres(size, small.depth.shape)
+        self.cell = _cells(small.key, small.depth)
         self.flat = small.values.reshape(rows * columns, -1)
         self.flat_depth, self.flat_key = small.depth.ravel(), small.key.ravel()
         if small.mixed is not None and small.mixed.any():
             # a second layer of pixels, after the first; where[i]: index of what is behind pixel i, 0 for nothing
             at = np.flatnonzero(small.mixed)
+            self.cell_behind = _cells(np.where(small.mixed, UNKNOWN, UNKNOWN - 1), small.behind_depth)
             self.where_behind = np.zeros(rows * columns, np.int32)
             self.where_behind[at] = rows * columns + np.arange(len(at))
             self.flat = np.concatenate([self.flat, small.behind.reshape(rows * columns, -1)[at]])
@@ -98,74 +131,81 @@ class Enlarging:
 
     def rows(self, top: int, bottom: int, pixels: Pixels) -> np.ndarray:
         """T and V of each light, one after the other (n, W, 3 + 3 L) float32, as if each pixel showed one thing."""
-        y = np.clip(self.y[top:bottom], 0, len(self.small.depth) - 1)
-        y0, x0 = (np.clip(np.floor(at), 0, few - 1).astype(np.int32)
-                  for at, few in zip((y, np.clip(self.x, 0, None)), self.small.depth.shape))
-        cell = self.cell[y0][:, x0]
-        plain = cell == pixels.key
+        y0, x0 = self._before(top, bottom)
+        plain = self.cell[y0][:, x0] == pixels.key
         unknown = pixels.key == UNKNOWN
         if unknown.any():
-            off = pixels.depth / self.small.depth[y0][:, x0]
-            plain &= ~unknown | ((off < SMOOTH) & (off > 1 / SMOOTH))
-        y1, down = np.minimum(y0 + 1, len(self.small.depth) - 1), (y - y0)[:, None, None]
-        values = self.small.values[y0] * (1 - down) + self.small.values[y1] * down
-        values = self._across(values)
+            plain &= ~unknown | _near(pixels.depth, self.small.depth[y0][:, x0])
+        values = bilinear(self.small.values, self.y[top:bottom], self.size[1])
         at = np.nonzero(~plain)
-        for first in range(0, len(at[0]), _PIXELS):
-            rows, columns = at[0][first:first + _PIXELS], at[1][first:first + _PIXELS]
-            values[rows, columns] = self._gathered(self.y[top + rows], self.x[columns], pixels.depth[rows, columns],
-                                                   pixels.key[rows, columns])
+        values[at] = self._gathered(top + at[0], at[1], pixels.depth[at], pixels.key[at])
         return self._finished(values, pixels.depth, pixels.bare)
 
-    def at(self, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray, bare: np.ndarray) -> np.ndarray:
-        """The same (n, 3 + 3 L) of rays through single pixels (n,) that end at other depths (n,) [m]."""
-        parts = [np.zeros((0, self.flat.shape[1] - 4), np.float32)]
+    def behind(self, top: int, bottom: int, where: tuple[np.ndarray, np.ndarray], depth: np.ndarray, bare: np.ndarray
+               ) -> np.ndarray:
+        """The same (k, 3 + 3 L) behind what is in front at pixels `where` (rows, columns) of these rows, up to depth (k,)."""
+        rows, columns = where
+        unknown = np.full(len(rows), UNKNOWN, np.int32)
+        if self.where_behind is None:
+            values = self._gathered(top + rows, columns, depth, unknown)
+        else:
+            y0, x0 = self._before(top, bottom)
+            y0, x0 = y0[rows], x0[columns]
+            plain = (self.cell_behind[y0, x0] == UNKNOWN) & _near(depth, self.small.behind_depth[y0, x0])
+            values = bilinear(self.small.behind, self.y[top:bottom], self.size[1])[where]
+            at = np.flatnonzero(~plain)
+            values[at] = self._gathered(top + rows[at], columns[at], depth[at], unknown[at])
+        return self._finished(values, depth, bare)
+
+    def _before(self, top: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (n,) and columns (W,) of the first of the four small pixels round each pixel."""
+        return tuple(np.floor(np.maximum(at, 0)).astype(np.int32) for at in (self.y[top:bottom], self.x))
+
+    def _gathered(self, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """Weighted means (k, c) of the small pixels round pixels (k,), by how alike they are (joint bilateral)."""
+        result = np.empty((len(rows), self.flat.shape[1]), np.float32)
         for first in range(0, len(rows), _PIXELS):
             part = np.s_[first:first + _PIXELS]
-            values = self._gathered(self.y[rows[part]], self.x[columns[part]], depth[part], None)
-            parts.append(self._finished(values, depth[part], bare[part]))
-        return np.concatenate(parts)
+            result[part] = self._mean(self.y[rows[part]], self.x[columns[part]], depth[part], key[part])
+        return result
 
-    def _across(self, values: np.ndarray) -> np.ndarray:
-        """Rows (n, w, c) at the width of the large photograph, bilinear."""
-        few, many = values.shape[1], self.size[1]
-        if few == many:
-            return values
-        return np.concatenate([cv2.resize(np.ascontiguousarray(values[..., k:k + 4]), (many, len(values)),
-                                          interpolation=cv2.INTER_LINEAR).reshape(len(values), many, -1)
-                               for k in range(0, values.shape[2], 4)], -1)
-
-    def _gathered(self, y: np.ndarray, x: np.ndarray, depth: np.ndarray, key: np.ndarray | None) -> np.ndarray:
-        """Weighted means (n, c) of the sixteen small pixels round places (n,), by how alike they are (joint bilateral)."""
-        rows, columns = self.small.depth.shape
+    def _mean(self, y: np.ndarray, x: np.ndarray, depth: np.ndarray, key: np.ndarray) -> np.ndarray:
         y0, x0 = np.floor(y).astype(np.int32), np.floor(x).astype(np.int32)
         total, weights = np.zeros((len(y), self.flat.shape[1]), np.float32), np.zeros(len(y), np.float32)
-
-        def add(index, spatial, counts):
-            off = np.abs(self.flat_depth[index] - depth) / (DEPTH_TOLERANCE * depth)
-            alike = np.exp(-np.minimum(off**2, 80))
-            if key is not None:
-                of = self.flat_key[index]
-                alike = np.where((of == key) & (key != UNKNOWN), 1, np.where((of == UNKNOWN) | (key == UNKNOWN), 1,
-                                                                           OTHER_SURFACE) * alike)
-            # never quite 0, so that the likest neighbour stands where none agrees
-            weight = (spatial * alike + 1e-16 / (1 + np.minimum(off, 1e4) ** 4)) * counts
-            np.add(total, weight[:, None] * self.flat[index], out=total)
-            np.add(weights, weight, out=weights)
-
-        for dy in (-1, 0, 1, 2):
-            for dx in (-1, 0, 1, 2):
-                away_y, away_x = np.abs(y0 + dy - y), np.abs(x0 + dx - x)
-                spatial = (np.maximum(1 - away_y, 0) * np.maximum(1 - away_x, 0)
-                           + FARTHER * np.exp(-(away_y**2 + away_x**2))).astype(np.float32)
-                index = np.clip(y0 + dy, 0, rows - 1) * columns + np.clip(x0 + dx, 0, columns - 1)
-                add(index, spatial, 1)
-                if self.where_behind is not None:
-                    behind = self.where_behind[index]
-                    there = behind > 0
-                    if there.any():
-                        add(np.where(there, behind, index), spatial, there)
+        everywhere = np.arange(len(y))
+        for step in NEAREST:
+            self._add(total, weights, everywhere, step, y, x, y0, x0, depth, key)
+        # where none of the nearest is of this thing, one of those round them may be
+        few = np.flatnonzero(weights < ENOUGH)
+        for step in FARTHER:
+            self._add(total, weights, few, step, y, x, y0, x0, depth, key)
         return total / weights[:, None]
+
+    def _add(self, total, weights, at, step, y, x, y0, x0, depth, key) -> None:
+        """Adds the small pixel `step` away from the first of four, and what is behind it, of the pixels `at`."""
+        rows, columns = self.small.depth.shape
+        row, column = y0[at] + step[0], x0[at] + step[1]
+        away_y, away_x = np.abs(row - y[at]), np.abs(column - x[at])
+        near = np.maximum(1 - away_y, 0) * np.maximum(1 - away_x, 0) + BEYOND * np.exp(-(away_y**2 + away_x**2))
+        index = np.clip(row, 0, rows - 1) * columns + np.clip(column, 0, columns - 1)
+        self._add_layer(total, weights, at, index, near, depth, key)
+        if self.where_behind is not None:
+            behind = self.where_behind[index]
+            there = np.flatnonzero(behind)
+            self._add_layer(total, weights, at[there], behind[there], near[there], depth, key)
+
+    def _add_layer(self, total, weights, at, index, near, depth, key) -> None:
+        if not len(at):
+            return
+        off = np.abs(self.flat_depth[index] - depth[at]) / (DEPTH_TOLERANCE * depth[at])
+        alike = np.exp(-np.minimum(off**2, 80))
+        of, wanted = self.flat_key[index], key[at]
+        told = (of != UNKNOWN) & (wanted != UNKNOWN)
+        alike = np.where(told & (of == wanted), 1, np.where(told, OTHER_SURFACE, 1) * alike)
+        # never quite 0, so that the likest neighbour stands where none agrees
+        weight = (near * alike + 1e-16 / (1 + np.minimum(off, 1e4) ** 4)).astype(np.float32)
+        total[at] += weight[:, None] * self.flat[index]
+        weights[at] += weight
 
     def _finished(self, values: np.ndarray, depth: np.ndarray, bare: np.ndarray) -> np.ndarray:
         """T and V of each light at these depths (...) [m]."""

@@ -78,7 +78,7 @@ def enlarged(build: Build, lights: list[str], metadata: Metadata) -> Iterator[tu
                 pixels, emitter, edges = rows.read(top, bottom)
                 values = enlarging.rows(top, bottom, pixels)
                 if edges is not None:
-                    _mix(values, enlarging, top, pixels, *edges)
+                    _mix(values, enlarging, (top, bottom), pixels, *edges)
                 scattered = np.zeros((bottom - top, width, 3), np.float32) if total is None else total[top:bottom]
                 for k, one in enumerate(writers, 1):
                     light = values[..., 3 * k:3 * k + 3]
@@ -90,12 +90,13 @@ def enlarged(build: Build, lights: list[str], metadata: Metadata) -> Iterator[tu
                     yield top, bottom, values[..., :3], scattered, emitter
 
 
-def _mix(values: np.ndarray, enlarging: Enlarging, top: int, pixels: Pixels, alpha, behind_depth, front, behind) -> None:
+def _mix(values: np.ndarray, enlarging: Enlarging, rows: tuple[int, int], pixels: Pixels, alpha, behind_depth, front, behind
+         ) -> None:
     """Adds what is behind to values (n, W, c), where a share alpha (n, W) of a pixel is in front."""
     where = np.nonzero((alpha < 1) & (behind_depth != pixels.depth))
     if not len(where[0]):
         return
-    farther = enlarging.at(top + where[0], where[1], behind_depth[where], pixels.bare[where])
+    farther = enlarging.behind(*rows, where, behind_depth[where], pixels.bare[where])
     share, near = alpha[where], values[where]
     mixed = share[:, None] * near + (1 - share[:, None]) * farther
     mixed[:, :3] = mixed_transmittance(share, front[where], behind[where], near[:, :3], farther[:, :3])

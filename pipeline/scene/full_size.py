@@ -10,8 +10,9 @@ import numpy as np
 
 from pipeline.geometry.enlarged_view import EnlargedView
 from pipeline.imaging.edges import EdgeLayers, refined
+from pipeline.imaging.enlarged_edges import EnlargedEdges
 from pipeline.imaging.glare import Glare, glare
-from pipeline.imaging.map_strips import strips, write_large, writing
+from pipeline.imaging.map_strips import strips, writing
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from pipeline.scene.artefacts import EDGE_COLOURS, EDGES, SURFACES, THIN
@@ -19,6 +20,8 @@ from pipeline.scene.outdoors import Outdoors
 
 #: Whole numbers up to this are exact as half floats.
 MOST_IN_HALF = 2048
+#: Borders that are refined by more than FEWEST pixels are refined at the working size, and enlarged.
+FEWEST = 18
 
 
 def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None, farthest: float) -> None:
@@ -33,21 +36,31 @@ def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None,
     depth, face, emitter, region = _joined(view, open_air, full)
     photograph = read_map(build.photograph, depth.shape)
     lamps = glare(camera, view.lights, depth, photograph)
-    layers = refined(photograph, full.labels, full.depth, open_air.porous(full), open_air.section.refine.radius, True)
-    own = depth < full.depth.astype(np.float32)
-    layers.alpha[own], layers.front_depth[own], layers.behind_depth[own] = 1, 0, 0
-    layers.front[own], layers.behind[own] = 0, 0
-    _add_glare(layers, lamps, depth, photograph)
     lit = lamps.light >= 0
     emitter[lit] = lamps.light[lit]
-    del photograph, lamps, own, lit
     faces = len(open_air.face_of) + sum(len(shape.faces()) for shape in view.shapes.values())
     _write(build, size, ((depth[a:b], face[a:b], emitter[a:b], region[a:b]) for a, b in strips(*size)), faces)
-    with writing(build.edges, *size, 3, EDGES) as edges:
-        for a, b in strips(*size):
-            edges.add(np.stack([layers.alpha[a:b], layers.front_depth[a:b], layers.behind_depth[a:b]], -1))
-    for side in ("front", "behind"):
-        write_large(build.edge_colours(side), getattr(layers, side), EDGE_COLOURS[side])
+    own = depth < full.depth.astype(np.float32)
+    radius = open_air.section.refine.radius
+    if radius > FEWEST:
+        found = EnlargedEdges(open_air.layers, open_air.photograph, depth.shape)
+        layers = (found.rows(a, b, photograph[a:b]) for a, b in strips(*size))
+    else:
+        found = refined(photograph, full.labels, full.depth, open_air.porous(full), radius, mixed_only=True)
+        layers = (EdgeLayers(*(values[a:b] for values in vars(found).values())) for a, b in strips(*size))
+    with writing(build.edges, *size, 3, EDGES) as edges, \
+            writing(build.edge_colours("front"), *size, 3, EDGE_COLOURS["front"]) as front, \
+            writing(build.edge_colours("behind"), *size, 3, EDGE_COLOURS["behind"]) as behind:
+        for (a, b), layer in zip(strips(*size), layers):
+            hidden = own[a:b]
+            layer.alpha[hidden], layer.front_depth[hidden], layer.behind_depth[hidden] = 1, 0, 0
+            layer.front[hidden], layer.behind[hidden] = 0, 0
+            if lit[a:b].any():
+                _add_glare(layer, Glare(lamps.light[a:b], lamps.distance[a:b], lamps.radiance[a:b]), depth[a:b],
+                           photograph[a:b])
+            edges.add(np.stack([layer.alpha, layer.front_depth, layer.behind_depth], -1))
+            front.add(layer.front)
+            behind.add(layer.behind)
 
 
 def _joined(view: EnlargedView, open_air: Outdoors, full) -> tuple[np.ndarray, ...]:

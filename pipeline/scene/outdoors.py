@@ -16,7 +16,7 @@ from pipeline.geometry.regions import (
 from pipeline.geometry.stand_in import Solid, regions_of, stand_in
 from pipeline.geometry.visibility import COINCIDENT
 from pipeline.imaging.depth_file import read_depth, read_labels
-from pipeline.imaging.edges import refined
+from pipeline.imaging.edges import EdgeLayers, refined
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import FARTHEST, Shape, registry
@@ -32,7 +32,7 @@ class Outdoors:
     """What the geometry stage needs of an open-air scene; see `outdoors`.
 
     camera, photograph, found, radius [pixel] of refinement: at the size of the build's images. full: regions and depth at
-    the photograph's size, where that is another.
+    the photograph's size, where that is another; layers: refined borders, kept for that.
     """
 
     section: DepthSection
@@ -47,6 +47,7 @@ class Outdoors:
     ground_faces: list[int] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
     face_of: np.ndarray | None = None
+    layers: EdgeLayers | None = None
 
     @property
     def sky_depth(self) -> float:
@@ -91,11 +92,12 @@ class Outdoors:
     def edges_beside(self, depth: np.ndarray) -> Edges:
         """Refined borders of the regions; the scene's own shapes before them are as sharp as they are."""
         layers = refined(self.photograph, self.found.labels, self.found.depth, self.porous(self.found), self.radius)
+        self.layers = layers if self.full is not None else None
         own = depth < self.found.depth
         alpha = np.where(own, 1.0, layers.alpha)
         front, behind = (np.where(own, depth, d) for d in (layers.front_depth, layers.behind_depth))
-        layers.front[own] = np.maximum(self.photograph, 0)[own]
-        return Edges(alpha, front, behind, layers.front, layers.behind)
+        colour = np.where(own[..., None], np.maximum(self.photograph, 0), layers.front)
+        return Edges(alpha, front, behind, colour, layers.behind)
 
     def porous(self, found: RegionDepth) -> np.ndarray:
         """Where (H, W) something farther may be seen through what was drawn."""
