@@ -20,7 +20,7 @@ from pipeline.imaging.maps import Metadata, opened, set_attribute
 from pipeline.imaging.oiio_error import oiio_error
 
 #: Pixels of a strip.
-STRIP = 2_000_000
+STRIP = 700_000
 #: Magnitudes between which half floats have all their digits.
 HALF_RANGE = 1e-4, 3e4
 
