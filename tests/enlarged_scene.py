@@ -19,7 +19,7 @@ def enlarged_scene(name: str, longer_side: int, folder: Path, **photograph: Any)
     """Writes the scene into `folder`; photograph: values of that section, such as working_size."""
     folder.mkdir(parents=True)
     scene = YAML(typ="safe").load(SCENES / name / "scene.yaml")
-    picture = cv2.imread(str(SCENES / name / scene["photograph"]["file"]))
+    picture = cv2.imread(str(SCENES / name / "photograph.jpg"))
     factor = longer_side / max(picture.shape[:2])
     size = tuple(round(side * factor) for side in picture.shape[1::-1])
     cv2.imwrite(str(folder / "photograph.jpg"), cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC),

@@ -145,12 +145,12 @@ def room(tiny, width: int, working_size) -> Build:
 
 def test_room_against_full_size(tiny_scene):
     maps = []
-    for size in (64, None):
-        build = room(tiny_scene, 192, size)
+    for size in (96, None):
+        build = room(tiny_scene, 288, size)
         maps.append({name: read_map(build.out / name) for name in ("foggy.exr", "transmittance.exr", "in_scattering.exr")})
         depth = read_map(build.depth)
     inverse = 1 / depth
-    creases = cv2.dilate((np.abs(cv2.Laplacian(inverse, -1)) > 1e-4).astype(np.uint8), np.ones((17, 17))) > 0
+    creases = cv2.dilate((np.abs(cv2.Laplacian(inverse, -1)) > 1e-4).astype(np.uint8), np.ones((25, 25))) > 0
     assert creases.mean() > 0.1
     for name in maps[0]:
         error = off(maps[0][name], maps[1][name], creases)

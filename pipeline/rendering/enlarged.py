@@ -162,9 +162,11 @@ class _Rows:
         bare = (emitter >= 0) | (surfaces[..., 0] < 0)
         if self.edges is None:
             return Pixels(depth, key, bare), emitter, None
-        layers, front, behind = (reader.rows(top, bottom) for reader in self.edges)
-        alpha, front_depth, behind_depth = np.moveaxis(layers, -1, 0)
+        alpha, front_depth, behind_depth = np.moveaxis(self.edges[0].rows(top, bottom), -1, 0)
         # 0 far from borders
         near = front_depth > 0
         pixels = Pixels(np.where(near, front_depth, depth), np.where(near & (front_depth != depth), UNKNOWN, key), bare)
+        if not (alpha < 1).any():
+            return pixels, emitter, None
+        front, behind = (reader.rows(top, bottom) for reader in self.edges[1:])
         return pixels, emitter, (alpha, behind_depth, front, behind)

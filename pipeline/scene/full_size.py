@@ -12,7 +12,7 @@ from pipeline.geometry.enlarged_view import EnlargedView
 from pipeline.imaging.edges import EdgeLayers, refined
 from pipeline.imaging.enlarged_edges import EnlargedEdges
 from pipeline.imaging.glare import Glare, glare
-from pipeline.imaging.map_strips import strips, writing
+from pipeline.imaging.map_strips import fits_half, strips, writing
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from pipeline.scene.artefacts import EDGE_COLOURS, EDGES, SURFACES, THIN
@@ -48,9 +48,11 @@ def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None,
     else:
         found = refined(photograph, full.labels, full.depth, open_air.porous(full), radius, mixed_only=True)
         layers = (EdgeLayers(*(values[a:b] for values in vars(found).values())) for a, b in strips(*size))
+    # a lamp's light is of a layer that covers next to nothing, and too bright for half floats
+    half = not lit.any() and fits_half(float(photograph.max()))
     with writing(build.edges, *size, 3, EDGES) as edges, \
-            writing(build.edge_colours("front"), *size, 3, EDGE_COLOURS["front"]) as front, \
-            writing(build.edge_colours("behind"), *size, 3, EDGE_COLOURS["behind"]) as behind:
+            writing(build.edge_colours("front"), *size, 3, EDGE_COLOURS["front"], half=half) as front, \
+            writing(build.edge_colours("behind"), *size, 3, EDGE_COLOURS["behind"], half=half) as behind:
         for (a, b), layer in zip(strips(*size), layers):
             hidden = own[a:b]
             layer.alpha[hidden], layer.front_depth[hidden], layer.behind_depth[hidden] = 1, 0, 0
