@@ -30,6 +30,9 @@ fogs ?=
 cases ?= 2000
 seed ?= 1
 to ?=
+quality ?=
+tolerance ?=
+budget ?=
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -37,7 +40,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed to
+unexport scene fog fogs cases seed to quality tolerance budget
 define newline
 
 
@@ -71,6 +74,9 @@ endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
 $(eval $(call check_name,to))
+$(eval $(call check_name,quality))
+$(eval $(call check_name,tolerance))
+$(eval $(call check_name,budget))
 $(eval $(call check_names,fogs))
 define check_number
   $(call strip_plain,$(1))
@@ -86,12 +92,17 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed to SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed to quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
 endif
-export FOG_OVERRIDES := $(foreach v,$(dotted),$v=$(value $v)$(newline))
+# one of quality, tolerance and budget is what is asked; said here, it outweighs all three of the scene file
+asked := $(strip $(foreach v,quality tolerance budget,$(if $(value $v),$v)))
+$(if $(word 2,$(asked)),$(error $(firstword $(asked))= and $(word 2,$(asked))= both say how accurate it is to be: give one))
+asked_value := $(if $(filter budget,$(asked)),$(patsubst %s,%,$(value budget)),$(if $(asked),$(value $(asked))))
+asking := $(if $(asked),$(foreach v,$(filter-out $(asked),tolerance budget),render.$v=null$(newline))render.$(asked)=$(asked_value)$(newline))
+export FOG_OVERRIDES := $(asking)$(foreach v,$(dotted),$v=$(value $v)$(newline))
 export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
 export FOG_LADDER := $(value fogs)
@@ -102,7 +113,7 @@ export FOG_BUILD := $(BUILD)
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck ladder photograph,$(goals))$(fog)$(fogs)$(dotted),)
+  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph,$(goals))$(fog)$(fogs)$(dotted),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -133,7 +144,7 @@ $(READY): pipeline/requirements.lock
 	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup setup-mitsuba
+.PHONY: povray setup setup-mitsuba setup-figures
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
 	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
@@ -152,6 +163,12 @@ setup-mitsuba: $(READY)
 	@echo "set-up: Mitsuba 3 into $(VENV)"
 	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r pipeline/requirements-mitsuba.lock || \
 	  { echo "error: Mitsuba could not be installed; see above, and run make setup-mitsuba again" >&2; exit 2; }
+
+# only pictures of curves need it
+setup-figures: $(READY)
+	@echo "set-up: matplotlib into $(VENV)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-figures.lock || \
+	  { echo "error: matplotlib could not be installed; see above, and run make setup-figures again" >&2; exit 2; }
 
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
@@ -172,7 +189,7 @@ clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
 
-.PHONY: all resolve closure export crosscheck ladder FORCE
+.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -205,7 +222,8 @@ $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(patsubst %.pov,%.exr
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
 $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_files.json $(O)/inputs/render.json \
-  pipeline/rendering/runs.py $(call code,plan,$(geometry))
+  $(S)/inputs/templates.json templates/SHA256SUMS $(filter-out $(clear_templates) $(closure_templates),$(templates)) \
+  $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py) pipeline/planning/*) $(call code,plan,$(geometry))
 	$(run) plan
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
   $(filter-out $(clear_templates) $(closure_templates),$(templates)) pipeline/rendering/emit.py $(call code,emit,$(geometry))
@@ -240,8 +258,17 @@ ladder: $(READY) | povray
 	  $(MAKE) --no-print-directory fog=$$name $(S)/$$name/foggy.png; done
 	$(run) ladder
 
+tradeoff: setup-figures $(O)/report.html
+	$(run) tradeoff
+
+# what the plan knows of time and error, measured on this machine
+calibrate: $(READY) | povray
+	@export $(owner); $(PY) -m pipeline calibrate --cases | while read case; do \
+	  $(MAKE) --no-print-directory $$case; done
+	$(run) calibrate
+
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench-lamps photos photograph schema plugins clean help
+.PHONY: test test-slow fuzz validation bench-lamps photos photograph schema plugins digests clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
 
@@ -271,6 +298,10 @@ schema: $(READY)
 plugins: $(READY)
 	$(run) plugins
 
+# of the templates as they are to be carried: what is edited after that is rendered wherever it can show
+digests:
+	@sha256sum $(sort $(templates)) > templates/SHA256SUMS
+
 # only folders that hold resolved inputs: BUILD may hold a person's own files too
 clean:
 	@for inputs in $(BUILD)/$(or $(scene),*)$(if $(fog),/$(fog))/inputs; do \
@@ -283,6 +314,8 @@ help:
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
+	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
+	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some ten minutes"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
@@ -297,6 +330,9 @@ help:
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"
+	@echo "  quality=draft|normal|final   how accurate: a relative error of 0.05, 0.01 or 0.002"
+	@echo "  tolerance=0.02           relative error of the foggy photograph to stay below, instead of quality"
+	@echo "  budget=10s               seconds for the fog in which to be as accurate as may be, instead of quality"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"

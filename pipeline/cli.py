@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
                        ("export", "the scene in another program's language"),
                        ("crosscheck", "T and V against Mitsuba's"),
+                       ("tradeoff", "time against error of knobs and plans"),
                        ("ladder", "the scene's named fogs side by side"), ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
@@ -100,6 +101,11 @@ def _parser() -> argparse.ArgumentParser:
     schema = commands.add_parser("schema", help="writes the scene file's JSON Schema")
     schema.add_argument("--output", type=Path, default=Path("scenes") / SCHEMA)
     schema.set_defaults(run=_schema)
+    calibrate = commands.add_parser("calibrate", help="measures what the plan's model knows of time and error")
+    calibrate.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
+    calibrate.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+    calibrate.add_argument("--cases", action="store_true", help="only says which scenes and fogs it measures")
+    calibrate.set_defaults(run=_calibrate)
     photos = commands.add_parser("photos",
                                  help="fetches the demo photographs that the repository does not carry")
     photos.add_argument("--scenes", type=Path, default=Path("scenes"))
@@ -190,6 +196,15 @@ def _schema(options) -> None:
 
     with replacing(options.output) as name:
         name.write_text(json.dumps(json_schema(), indent=1) + "\n", encoding="utf-8")
+
+
+def _calibrate(options) -> None:
+    from pipeline.planning import calibrate
+
+    if options.cases:
+        print("\n".join(f"scene={scene} fog={fog or ''}" for scene, fog in calibrate.CASES))
+        return
+    print(f"done: {calibrate.calibrate(options.scenes, options.build)}")
 
 
 def _photos(options) -> int:

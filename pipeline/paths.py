@@ -17,6 +17,8 @@ PROJECT = Path(__file__).resolve().parent.parent
 TEMPLATES = PROJECT / "templates"
 INCLUDES = PROJECT / "povray_includes"
 SCHEMA = "scene.schema.json"
+#: In the build folder: how fast this machine is, and how far off what it makes quickly.
+CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "working"}
 

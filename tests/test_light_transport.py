@@ -71,8 +71,7 @@ def chain(folder, lights, *, box=False, fog=None, render=None, photograph=0.5) -
         "fog": fog or {"type": "homogeneous", "absorption_coefficient": [ABSORPTION] * 3,
                        "scattering_coefficient": [SCATTERING] * 3,
                        "phase_function": {"type": "henyey_greenstein", "asymmetry": ASYMMETRY}}}
-    if render:
-        scene["render"] = render
+    scene["render"] = {"quality": "final", "checked_pixels": 0, **(render or {})}
     build.scene_file.write_text(json.dumps(scene))  # JSON is YAML
     run(build)
     return build
@@ -171,7 +170,10 @@ def test_composite_is_the_papers_equation(tmp_path):
 
 def test_relighting_equals_rendering_again(tmp_path):
     lights = {"point": DESCRIBED["point"], "area": {**DESCRIBED["area"], "sub_lights": 2}}
-    build = chain(tmp_path, lights, box=True)
+    # a plan would choose by the lights' strengths
+    knobs = {"samples": 24, "in_scattering_size": 256, "glow_tolerance": 5e-3, "shadow_size": 128, "shadow_lights": 5,
+             "transmittance": "area"}
+    build = chain(tmp_path, lights, box=True, render=knobs)
 
     def times():
         return {path: path.stat().st_mtime_ns for path in build.runs.glob("*.exr")}
@@ -182,7 +184,7 @@ def test_relighting_equals_rendering_again(tmp_path):
     relit = [read_map(path) for path in (build.transmittance, build.in_scattering(), build.foggy(".exr"))]
 
     brighter = {**lights, "point": {**lights["point"], "intensity": [2.5 * x for x in COLOUR]}}
-    again = chain(tmp_path / "again", brighter, box=True)
+    again = chain(tmp_path / "again", brighter, box=True, render=knobs)
     for path, one in zip((again.transmittance, again.in_scattering(), again.foggy(".exr")), relit):
         np.testing.assert_allclose(one, read_map(path), rtol=5e-3)  # half a per cent is what was promised
 
@@ -211,11 +213,15 @@ def test_the_plan_says_why(tmp_path):
     build = chain(tmp_path, lights)
     said = json.loads(build.plan.read_text())["reasons"]
     assert "reflected: known in closed form, no render" in said and "no sun: no shaft" in said
-    assert any(line.startswith("point: 72 samples instead of 24: few lights") for line in said), said
-    run(build, "fog.absorption_coefficient=[50,50,50]", stages=("resolve", "plan"))
+    assert said[0].startswith("asked for quality final, a tolerance of 0.002: expects"), said
+    assert any(line.startswith("chosen for that: in_scattering_size") for line in said), said
+    # nothing stands in the room: no render at all
+    assert json.loads(build.plan.read_text())["runs"] == []
+    run(build, "render.glow=rendered", "render.shaft_samples=9", "fog.absorption_coefficient=[50,50,50]",
+        stages=("resolve", "plan"))
     said = json.loads(build.plan.read_text())["reasons"]
-    # 12 optical depths in steps of a third: fewer than a single light gets anyway, and no second reason
-    assert sum(line.startswith("point:") for line in said) == 1, said
+    assert "as the scene states: shaft_samples" in said, said
+    assert "point: 36 samples instead of 9: dense fog, 0.33 optical depths each" in said, said
 
 
 def test_a_render_that_takes_too_long_is_stopped(tmp_path, capsys):

@@ -41,7 +41,7 @@ def test_furnace(tmp_path):
 @pytest.mark.parametrize("kind", sorted(registry("phase_functions")))
 def test_phase_functions(tmp_path, kind):
     """V of a bulb, rendered, over the plugin's own phase function by a fine midpoint sum along each ray."""
-    build = chain(tmp_path, {"point": DESCRIBED["point"]},
+    build = chain(tmp_path, {"point": DESCRIBED["point"]}, render={"glow": "rendered", "samples": 24, "in_scattering_size": 256},
                   fog={"type": "homogeneous", "absorption_coefficient": [0.05] * 3,
                        "scattering_coefficient": [0.1] * 3, "phase_function": {"type": kind}})
     scene, medium = read_placed(build), read_fog(build)

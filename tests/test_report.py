@@ -88,7 +88,7 @@ def made(tmp_path: Path, *, size=(12, 16), sun=SUN, visibility="9", fog=None, me
     clear = not np.isfinite(float(visibility.replace(".inf", "inf")))
     shown = [] if clear else lights
     runs = [{"id": f"in_scattering_{name}"} for name in shown]
-    write_json(build.plan, {"fog_is_clear": clear, "lights": shown, "runs": runs,
+    write_json(build.plan, {"expected": None, "fog_is_clear": clear, "lights": shown, "runs": runs,
                             "reasons": ["dense <fog> & more"]})
     write_json(build.seconds / "plan.json", 0.25)
     build.pov.mkdir(parents=True)

@@ -24,7 +24,7 @@ def planned(build) -> set[str]:
 def test_one_render_in_two_colours_is_both(tmp_path, monkeypatch, fog):
     more = {"fog": fog} if fog else {}
     one = chain(tmp_path / "one", {"area": DESCRIBED["area"]}, box=True, **more)
-    monkeypatch.setattr(plan, "_surfaces_are_ours", lambda build, scene: False)
+    monkeypatch.setattr(plan, "surfaces_are_ours", lambda templates, scene: False)
     two = chain(tmp_path / "two", {"area": DESCRIBED["area"]}, box=True, **more)
     assert f"{SHADOWS}_area" in planned(one) and {f"{SHADED}_area", f"{UNSHADED}_area"} <= planned(two)
     both = read_map(one.runs / f"{SHADOWS}_area.exr")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from pipeline.errors import InputError
 from pipeline.geometry.axis_box import (
@@ -95,7 +95,7 @@ def _solve(clicks: Clicks, model: FaceModel, yaw: float, fit_yaw: bool) -> tuple
         _, by_face, by_yaw = clicks.residuals(*split(x))
         return np.c_[by_face @ model.matrix, by_yaw] if fit_yaw else by_face @ model.matrix
 
-    result = least_squares(
+    result = scipy.optimize.least_squares(
         lambda x: clicks.residuals(*split(x))[0],
         np.r_[start, yaw] if fit_yaw else start,
         jac=slopes,

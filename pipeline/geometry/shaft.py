@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from pipeline.errors import InputError
 from pipeline.geometry.planes import Plane, clean_polygon
@@ -128,9 +128,9 @@ def convex_hull(points: np.ndarray, name: str) -> Polyhedron:
     centre, extent = points.mean(0), np.ptp(points, axis=0).max()
     try:
         # Qhull's tolerances assume numbers of order one.
-        hull = ConvexHull((points - centre) / extent)
+        hull = scipy.spatial.ConvexHull((points - centre) / extent)
         flat = hull.volume < FLAT_VOLUME
-    except QhullError:
+    except scipy.spatial.QhullError:
         flat = True
     if flat:
         raise InputError(f"{name} has no volume: window and sun patch lie in one plane",

@@ -17,8 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
-from scipy.special import expn
+import scipy
 
 #: Cells along a ray through uneven fog with a top: even ones, and some that grow from a smallest in optical depths.
 EVEN_CELLS, GROWING_CELLS, SMALLEST_CELL = 112, 48, 0.02
@@ -59,7 +58,7 @@ def dome(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray
     if not upper or medium.top() is None:
         share = np.interp(sines if upper else -sines, _SINES, skylight(medium.phase(), np.zeros(1))[0])
         return share[..., None] * veil(medium, eye, directions, depth)
-    table = RectBivariateSpline(_across(_DEPTHS), _along(_SINES),
+    table = scipy.interpolate.RectBivariateSpline(_across(_DEPTHS), _along(_SINES),
                                 np.log(np.maximum(skylight(medium.phase(), _DEPTHS), 1e-300)))
 
     def arriving(zenith, sines):
@@ -80,7 +79,7 @@ def dome_arrival(medium: Any, points: np.ndarray) -> np.ndarray:
     extinction = np.add(*medium.coefficients())
     values, channel = np.unique(extinction, return_inverse=True)
     paths = medium.skylight(np.maximum(values, 1e-300).tolist(), points[..., 0].size)
-    through = [2 * expn(3, value * path(points)) for value, path in zip(values, paths)]
+    through = [2 * scipy.special.expn(3, value * path(points)) for value, path in zip(values, paths)]
     return np.stack([through[k] for k in channel], axis=-1)
 
 
@@ -128,7 +127,7 @@ def _sky_through_layers(medium, eye, directions, depth, arriving) -> np.ndarray:
         logarithm = arriving(value * above - _FINE_DEPTHS * sines, sines) - _FINE_DEPTHS
         sums = np.cumsum(np.diff(_FINE_DEPTHS) * _logarithmic_mean(logarithm), -1)
         mean = np.column_stack([logarithm[:, 0], np.log(sums / -np.expm1(-_FINE_DEPTHS[1:]))])
-        spline = RectBivariateSpline(_along(_FINE_SINES), _across(_FINE_DEPTHS), mean)
+        spline = scipy.interpolate.RectBivariateSpline(_along(_FINE_SINES), _across(_FINE_DEPTHS), mean)
         tau = value * path
         found = np.exp(spline.ev(_along(np.clip(directions[..., 1], -1, 1)), _across(np.minimum(tau, DEEPEST))))
         result[..., same] = (found * -np.expm1(-tau))[..., None] * share

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 #: A step for values of any kind: the density may bend at every face of a cell.
 CELLS_PER_STEP = 0.5
@@ -178,7 +178,7 @@ class DensityGrid:
         for axis in range(3):
             if not self.periodic[axis]:
                 nodes[axis] = np.clip(nodes[axis], 0.0, self.values.shape[axis] - 1.0)
-        return map_coordinates(self.values, nodes, np.float32, order=1, mode="grid-wrap", prefilter=False)
+        return scipy.ndimage.map_coordinates(self.values, nodes, np.float32, order=1, mode="grid-wrap", prefilter=False)
 
 
 def bounded(cells: np.ndarray, lower: np.ndarray, size: np.ndarray, outside: float, yaw: float

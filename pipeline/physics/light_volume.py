@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scipy.ndimage import map_coordinates
+import scipy
 
 from pipeline.physics.density_grid import DensityGrid
 
@@ -83,7 +83,7 @@ def lamp_paths(grid: DensityGrid, position: np.ndarray, reach: float) -> Lookup:
         distance = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12)
         where = np.stack([np.arctan2(np.hypot(x, z), y), np.arctan2(z, x) % (2 * np.pi),
                           np.log(np.maximum(distance / nearest, 1.0))])
-        return distance * map_coordinates(mean, (where.T * steps).T, order=1, mode="nearest", prefilter=False)
+        return distance * scipy.ndimage.map_coordinates(mean, (where.T * steps).T, order=1, mode="nearest", prefilter=False)
 
     return at
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
+import scipy
 
 #: Largest banks that fit along a horizontal side of the tile.
 BANKS_PER_TILE = 4
@@ -24,14 +24,14 @@ def banks(shape: tuple[int, int, int], spacing: np.ndarray, scale: np.ndarray, f
     Kolmogorov's law for a passive scalar, cut off smoothly at the shortest wave. Banks are where it is high:
     a smoothstep of it leaves clear air between them. patchiness 0 is even fog, 1 those banks.
     """
-    qx, qy = (fft.fftfreq(n, d) * s for n, d, s in zip(shape[:2], spacing, scale))
-    qz = fft.rfftfreq(shape[2], spacing[2]) * scale[2]
+    qx, qy = (scipy.fft.fftfreq(n, d) * s for n, d, s in zip(shape[:2], spacing, scale))
+    qz = scipy.fft.rfftfreq(shape[2], spacing[2]) * scale[2]
     squared = (qx[:, None, None] ** 2 + qy[:, None] ** 2 + qz**2).astype(np.float32)
     noise = np.random.default_rng(seed).standard_normal(shape, np.float32)
-    spectrum = fft.rfftn(noise)
+    spectrum = scipy.fft.rfftn(noise)
     spectrum *= (1 + squared) ** np.float32(-11 / 12) * np.exp(np.float32(-(finest**2) / 2) * squared)
     spectrum[0, 0, 0] = 0
-    field = fft.irfftn(spectrum, shape)
+    field = scipy.fft.irfftn(spectrum, shape)
     field /= field.std() or 1
     share = np.clip((field - CLEAR_BELOW) / (FULL_ABOVE - CLEAR_BELOW), 0, 1)
     bank = share * share * (3 - 2 * share)

@@ -17,10 +17,10 @@ from pipeline.physics.emitters import polygon_cells
 
 #: Nodes along the ray and across the lamp, refined where a level differs from the one before.
 LEVELS = ((4, 1), (6, 2), (10, 3), (20, 4), (40, 6), (80, 10))
-#: Relative difference of two levels below which the finer is taken: it is some ten times as near itself.
+#: Relative difference of two levels below which the finer is taken, which is some ten times as near itself.
 TOLERANCE = 5e-3
-#: Points evaluated at once: some hundred megabytes.
-CHUNK = 2_000_000
+#: Points evaluated at once: what they take fits a processor's cache (measured: half the time of 2 million).
+CHUNK = 100_000
 
 #: Integral (...) [m] of the fog's relative density between points (..., 3) and (..., 3).
 Path = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -43,11 +43,12 @@ def solid_angle(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
 
 def in_scattering(polygon: np.ndarray, normal: np.ndarray, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray,
                   density: Callable[[np.ndarray], np.ndarray], path: Path, phase: Callable[[np.ndarray], np.ndarray],
-                  extinction: np.ndarray, scattering: np.ndarray) -> np.ndarray:
+                  extinction: np.ndarray, scattering: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
     """V (n, 3) of unit radiance along rays from `eye` (3,), unit `directions` (n, 3), up to `depth` (n,) [m].
 
     polygon (k, 3) [m] shines to the side of `normal` (3,). density(points): relative density of the fog;
-    phase(cosine) [1/sr]; extinction, scattering (3,) [1/m].
+    phase(cosine) [1/sr]; extinction, scattering (3,) [1/m]. tolerance: relative difference of two levels below which
+    the finer is taken.
     """
     values, channel = np.unique(extinction, return_inverse=True)
     near, far = _lit(polygon[0], normal, eye, directions, depth)
@@ -64,7 +65,7 @@ def in_scattering(polygon: np.ndarray, normal: np.ndarray, eye: np.ndarray, dire
                                 for one in np.split(open_, range(rays, len(open_), rays))])
         result[open_] = found
         if before is not None:
-            rough = (np.abs(found - before) > TOLERANCE * np.abs(found)).any(-1)
+            rough = (np.abs(found - before) > tolerance * np.abs(found)).any(-1)
             open_, found = open_[rough], found[rough]
         before = found
     return result[:, channel] * scattering

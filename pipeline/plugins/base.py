@@ -210,6 +210,11 @@ class Light(Plugin):
         """Unoccluded V (..., 3) at unit strength, along unit rays (..., 3) from `eye` (3,) to depth (...) [m]."""
         raise NotImplementedError(type(self).__name__)
 
+    def glow(self, medium: "Medium", eye: np.ndarray, directions: np.ndarray, depth: np.ndarray, tolerance: float
+             ) -> np.ndarray:
+        """`in_scattering` to a relative tolerance, where it is an integral that may be finer or coarser."""
+        return self.in_scattering(medium, eye, directions, depth)
+
     def midpoint(self) -> np.ndarray | None:
         """(3,) [m], for which the whole light may stand (Zhao et al. 2013, eq. 5), or None where it stands nowhere."""
         return None
@@ -220,6 +225,26 @@ class Light(Plugin):
         In half-shadow a part of a lamp shines, and T depends on where that part is: the denser the fog, the finer.
         """
         return self
+
+    def coarser(self, count: int) -> "Light":
+        """The light of at most `count`^2 small lights, where only what shadows take from its glow is asked."""
+        return self
+
+    def parts(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Centres (n, 3) [m] and areas (n,) [m^2] of its area in about `count`^2 parts, and its normal; None without one."""
+        return None
+
+    def integrates(self, medium: "Medium") -> bool:
+        """Whether `way_transmittance` is known in this fog."""
+        return self.midpoint() is not None
+
+    def way_transmittance(self, medium: "Medium", points: np.ndarray, normals: np.ndarray, step: float) -> np.ndarray:
+        """Transmittance (..., 3) on the light's way to directly lit points (..., 3) [m], averaged over all of it.
+
+        normals (..., 3): of the surfaces, towards their lit side. step: most optical depths that one part of the light
+        may span. Nothing stands between light and point: in half-shadow the part that shines may be nearer or farther.
+        """
+        return np.exp(-medium.optical_depth(self.midpoint(), points))
 
     def completes(self, medium: "Medium") -> bool:
         """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what

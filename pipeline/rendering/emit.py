@@ -18,6 +18,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.plugins.base import Light, Medium, Plugin
 from pipeline.plugins.lights.sun import Sun
+from pipeline.rendering.pruning import without_unused_macros
 from pipeline.rendering.sandbox import FIXED, BoundedEnvironment, in_time, joined
 from pipeline.scene.placed import PlacedScene
 
@@ -126,13 +127,14 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
          albedos: list[list[float]] | None = None, strengths: dict[str, list[float]] | None = None) -> str:
     """The `.pov` text of one run."""
     camera, extent = scene.camera, scene.extent()
-    if (run.width, run.height) != (camera.width, camera.height):
+    if "along" not in run.options and (run.width, run.height) != (camera.width, camera.height):
         camera = camera.resized(run.width, run.height)
     shafts = any(isinstance(scene.lights[name], Sun) for name in run.lights)
     facts = {"id": run.id, "kind": run.kind, "light": ", ".join(run.lights), "width": run.width,
              "height": run.height,
              "exposure": run.exposure, "samples": run.samples, "shafts": shafts,
              "scatters": not shafts and all(scene.lights[name].light_source for name in run.lights),
+             "along": None,
              **run.options}
     context: dict[str, Any] = {"run": facts, "channels": [], "bounds": {
         "lowest": float(camera.position[1] - 4 * extent), "highest": float(camera.position[1] + 4 * extent)}}
@@ -169,14 +171,14 @@ def emit(run: Run, scene: PlacedScene, templates: Templates, *, medium: Medium |
             lights.append("#ifdef (Fog_Exposure) #undef Fog_Exposure #end")
         lights.append(templates.of_plugin(stated_light(run, scene, name), {**context, "run": light_facts, "name": name}))
     blocks["lights"] = "\n".join(lights)
-    return templates.render(f"{run.kind}.pov", {
+    return without_unused_macros(templates.render(f"{run.kind}.pov", {
         **context, "blocks": blocks, "albedos": albedos or [],
         "metre": scene.exporter.scale(extent), "extent": 4 * extent, "backdrop": backdrop,
         "camera": {
             "position": camera.position, "right": camera.world_from_camera[:, 0],
             "down": camera.world_from_camera[:, 1],
             "forward": camera.world_from_camera[:, 2], "focal_length": camera.focal_length,
-            "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}})
+            "principal_point": camera.principal_point, "width": camera.width, "height": camera.height}}))
 
 
 def stated_light(run: Run, scene: PlacedScene, name: str) -> Light:
@@ -184,6 +186,8 @@ def stated_light(run: Run, scene: PlacedScene, name: str) -> Light:
     light = scene.lights[name]
     if "shadows" in run.options:
         light = light.shaded_part(scene.camera.position)
+    if "shadow_lights" in run.options:
+        light = light.coarser(run.options["shadow_lights"])
     return light.finer(*run.options["finer"]) if "finer" in run.options else light
 
 

@@ -12,7 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cache
 from pathlib import Path
 
@@ -144,20 +145,42 @@ def _is_done(image: Path, stamp: Path, digest: str) -> bool:
     return words[:1] == [digest] and words[2:] == [str(image.stat().st_size)]
 
 
-def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None = None,
-                        timeout: float = 1800.0) -> list[float]:
-    """`render` of several (pov, image, width, height), `threads` at once; seconds each took.
+#: Renders under way at once. POV-Ray waits for its own threads for 0.7 s a render, in which others may work.
+MOST_AT_ONCE = 8
 
-    POV-Ray's radiosity gathers its samples in the order in which its threads come by: on several, no two
-    renders are alike. Here each has one, and the other cores render the other files.
+
+def render_together(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None, timeout: float,
+                    told: Callable[[int, float], None]) -> list[float]:
+    """`render` of several (pov, image, width, height), on all cores, or with `threads` in all; seconds each took."""
+    if threads is None:
+        return render_side_by_side(jobs, threads=os.cpu_count() or 1, at_once=MOST_AT_ONCE, timeout=timeout, told=told)
+    return render_side_by_side(jobs, at_once=threads, timeout=timeout, told=told)
+
+
+def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None = None,
+                        at_once: int | None = None, timeout: float = 1800.0,
+                        told: Callable[[int, float], None] | None = None) -> list[float]:
+    """`render` of several (pov, image, width, height), `at_once` of them; seconds each took.
+
+    One thread each where not stated. POV-Ray's radiosity gathers its samples in the order in which its threads come by:
+    on several, no two renders are alike. told(index, seconds): called as each ends.
     """
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        started = [pool.submit(render, *job, threads=1, timeout=timeout) for job in jobs]
+    def one(index: int) -> float:
+        seconds = render(*jobs[index], threads=threads or 1, timeout=timeout)
+        if told:
+            told(index, seconds)
+        return seconds
+
+    with ThreadPoolExecutor(max(1, at_once or os.cpu_count() or 1)) as pool:
+        started = [pool.submit(one, index) for index in range(len(jobs))]
         try:
+            # the first that fails ends the others
+            for done in as_completed(started):
+                done.result()
             return [one.result() for one in started]
         except BaseException:
-            for one in started:
-                one.cancel()
+            for future in started:
+                future.cancel()
             for process in list(_RUNNING):
                 _kill(process)
             raise

@@ -13,7 +13,8 @@ from pipeline.errors import InputError
 #: POV-Ray breaks its lines here, in the middle of a word where that is longer (measured with 3.7.0.10).
 WIDTH = 80
 #: Warnings that say nothing about a scene, by their beginning, with the reason.
-HARMLESS = {"Should have at least 2 objects in csg": "a shape that casts no shadow stands in a union by itself"}
+HARMLESS = {"Should have at least 2 objects in csg": "a shape that casts no shadow stands in a union by itself",
+            "This rendering uses the following experimental feature(s): mesh camera": "single pixels are rendered by one"}
 #: More than these are counted, not told: a loop of a template may warn at every turn.
 MOST_WARNINGS = 20
 

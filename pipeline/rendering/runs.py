@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.plugins.base import Medium
 from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering.emit import FARTHEST_OPTICAL_DEPTH, IN_RED, Run, farthest_seen
+from pipeline.rendering.fineness import AREA, MIDPOINT, Fineness
 from pipeline.scene.placed import PlacedScene
 
 #: Where the run's 90th percentile is put in half float, whose digits are all there from 6e-5 to 65504:
@@ -19,22 +20,15 @@ from pipeline.scene.placed import PlacedScene
 TARGET_LEVEL = 16.0
 #: Brightest point of the grid: a lamp's glow between its points may be some hundred times as bright.
 HIGHEST_LEVEL = 128.0
-#: A midpoint step of a third of an optical depth is off by h^2/24 = 0.5 %.
-LARGEST_OPTICAL_STEP = 1 / 3
-
 #: Kinds of the two small renders that tell what shadows take from a light whose V is known without them; and of the one
 #: that is both, in red and in green.
 SHADED, UNSHADED, SHADOWS = "shaded", "unshaded", "shadows"
-#: What shadows take from a glow is smoother still, and smaller: it is rendered at so much less than the glow's size.
-SHADOW_REDUCTION = 2
-#: Longer side [pixel] from which on it is.
-LEAST_SHADOW_SIZE = 128
 #: Single lamps that get such renders; of more than these the brightest to the eye.
 MOST_SHADED = 16
-#: A single light's shadow edge costs one sample of the ray: this many times the samples keep it thin.
-SINGLE_LIGHT_SAMPLES = 3
-#: Most samples that uneven fog asks for. Each sample of V is lit through as many again, those of T are few.
-MOST_SAMPLES = {"in_scattering": 128, "transmittance": 256}
+#: From so many small lights on their shadows' edges blur one another's steps.
+FEWEST_BLURRED = 9
+#: Most samples of T that uneven fog asks for.
+MOST_DENSITY_STEPS = 256
 #: POV-Ray 3.7 stops with a fatal error at more intervals, which uneven fog needs (measured: 256 do, 257 do not).
 MOST_INTERVALS = 256
 #: V adds up many samples, whose errors cancel: its steps may be so many times as long as T's.
@@ -42,85 +36,101 @@ STEPS_OF = {"in_scattering": 2.0, "transmittance": 1.0}
 
 
 def irradiance_run(scene: PlacedScene, light: str) -> Run:
-    points, _ = _grid(scene)
+    points, _ = surface_grid(scene)
     return Run(f"irradiance_{light}", "irradiance", [light], scene.camera.width, scene.camera.height,
                _exposure(_irradiance(scene, light, points) / np.pi))
 
 
-def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], samples: int,
-             in_scattering_size: int | None, shaded: Container[str], midpoint: bool = False,
-             transmittance_step: float = np.inf, by_template: Container[str] = (),
-             shadow_size: int | None = None, in_one: bool = True) -> list[Run]:
+def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], fineness: Fineness, shaded: Container[str],
+             by_template: Container[str] = (), in_one: bool = True) -> list[Run]:
     """Transmittance and in-scattering of each light.
 
-    in_scattering_size [pixel]: longer side at which the glow of lamps is rendered, None for the photograph's.
-    midpoint: whether T takes each light's midpoint for all of it, where it has one, and needs no render.
-    transmittance_step: most optical depths that a small light of T's may span.
-    by_template: lights whose V is rendered even where it is known without shadows.
-    shadow_size [pixel]: longer side at which shadows in an area light's glow are found, None for half the glow's.
+    by_template: lights whose T and V are rendered even where they are known without shadows.
     in_one: whether the shapes' statements allow that one render tells light with shadows and without, in grey fog.
     shaded: lights whose V is known without shadows, and of which renders tell what shadows take from it.
     """
     runs = []
     width, height = scene.camera.width, scene.camera.height
-    small = glow_size(width, height, in_scattering_size)
-    points, directions = _grid(scene)
+    glow = glow_size(width, height, fineness.in_scattering_size)
+    shadow = glow_size(width, height, fineness.shadow_size)
+    points, directions = surface_grid(scene)
     depths = medium.optical_depth(scene.camera.position, points)
     eye, clearest = np.exp(-depths.mean(-1)), np.exp(-depths.min(-1))
     extinction = np.add(*medium.coefficients())
     grey = all(np.ptp(coefficient) == 0 for coefficient in medium.coefficients())
+    scatters = medium.coefficients()[1].max() > 0
     uneven = medium.render_step() < np.inf
-    dense = max(dense_samples(scene, medium), uneven_samples(scene, medium, "in_scattering"))
+    dense = max(dense_samples(scene, medium, fineness), uneven_samples(scene, medium, "in_scattering", fineness))
     for light in lights:
         one = scene.lights[light]
-        if light in shaded and medium.coefficients()[1].max() > 0:
+        blurred = one.sub_light_count() >= FEWEST_BLURRED
+        count = max(dense, fineness.samples if blurred else fineness.shaft_samples)
+        if light in shaded and scatters:
             part = replace(scene, lights={light: one.shaded_part(scene.camera.position)})
-            exposure = _exposure(_in_scattering(part, medium, light, directions, points))
-            count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
-            runs += _shadow_runs(Run("", "in_scattering", [light], *small, exposure, count), in_one and grey)
+            exposure = _exposure(in_scattering_about(part, medium, light, directions, points))
+            runs += _shadow_runs(Run("", "in_scattering", [light], *(shadow if blurred else glow), exposure, count),
+                                 in_one and grey)
         if not scene.rendered(light):
             continue
-        clear, path = _irradiance(scene, light, points) / np.pi, _path(scene, light, points)
-        level = clear * eye * np.exp(-extinction.mean() * path)
-        # the channel that the fog dims least must not overflow
-        brightest = clear if uneven else clear * clearest * np.exp(-extinction.min() * path)
-        if not midpoint or one.midpoint() is None:
-            finer = one.finer(transmittance_step, float(extinction.max()))
-            options = {} if finer is one else {"finer": [transmittance_step, float(extinction.max())]}
-            if options:
-                # what is divided by must be lit by the same small lights
-                runs.append(replace(irradiance_run(scene, light), id=f"clear_{light}", options=options))
-            runs.append(Run(f"transmittance_{light}", "transmittance", [light], width, height,
-                            _exposure(level, brightest),
-                            uneven_samples(scene, medium, "transmittance"), options))
-        if medium.coefficients()[1].max() > 0:
+        if light in by_template or transmittance_is_rendered(scene, medium, light, fineness):
+            runs += _transmittance_runs(scene, medium, light, fineness, points, (eye, clearest), extinction)
+        if scatters:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
-            size = (width, height) if isinstance(one, Sun) else small
-            # the shadow edges of many small lights blur one another's steps
-            count = max(dense, samples if one.sub_light_count() > 8 else SINGLE_LIGHT_SAMPLES * samples)
-            glow = _in_scattering(scene, medium, light, directions, points)
-            in_clear_air = _in_scattering(scene, medium, light, directions, points, through=0.0) if uneven else None
-            exposure = _exposure(glow, in_clear_air)
+            size = (width, height) if isinstance(one, Sun) else glow
+            level = in_scattering_about(scene, medium, light, directions, points)
+            in_clear_air = in_scattering_about(scene, medium, light, directions, points, through=0.0) if uneven else None
+            exposure = _exposure(level, in_clear_air)
             if light in by_template or not one.completes(medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
             elif scene.casts_shadows():
-                shadow = glow_size(width, height, shadow_size or max(LEAST_SHADOW_SIZE, max(size) // SHADOW_REDUCTION))
-                runs += _shadow_runs(Run("", "in_scattering", [light], *shadow, exposure, count), in_one and grey)
+                options = {"shadow_lights": fineness.shadow_lights} if blurred else {}
+                runs += _shadow_runs(Run("", "in_scattering", [light], *(shadow if blurred else glow), exposure, count, options),
+                                     in_one and grey)
     if uneven:
         runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
     return runs
 
 
+def transmittance_is_rendered(scene: PlacedScene, medium: Medium, light: str, fineness: Fineness) -> bool:
+    """Whether T of a rendered light takes a render, and is not what its midpoint or its unoccluded area says."""
+    one = scene.lights[light]
+    if not one.integrates(medium):
+        return fineness.transmittance != MIDPOINT or one.midpoint() is None
+    # what has no parts casts no half-shadow: its way is known
+    return fineness.transmittance == AREA and one.parts(1) is not None
+
+
+def _transmittance_runs(scene: PlacedScene, medium: Medium, light: str, fineness: Fineness, points, through, extinction
+                        ) -> list[Run]:
+    """The render of a light's T, and of what it is divided by where that is not known already."""
+    one, (eye, clearest), uneven = scene.lights[light], through, medium.render_step() < np.inf
+    clear, path = _irradiance(scene, light, points) / np.pi, _path(scene, light, points)
+    level = clear * eye * np.exp(-extinction.mean() * path)
+    # the channel that the fog dims least must not overflow
+    brightest = clear if uneven else clear * clearest * np.exp(-extinction.min() * path)
+    finer = one.finer(fineness.transmittance_step, float(extinction.max()))
+    options = {} if finer is one else {"finer": [fineness.transmittance_step, float(extinction.max())]}
+    full = scene.camera.width, scene.camera.height
+    size = full if one.midpoint() is None else glow_size(*full, fineness.transmittance_size)
+    fogged = Run(f"transmittance_{light}", "transmittance", [light], *size,
+                 _exposure(level, brightest), uneven_samples(scene, medium, "transmittance", fineness), options)
+    if not options and size == full:
+        return [fogged]
+    # what is divided by must be lit by the same small lights, and be of the same size
+    return [replace(irradiance_run(scene, light), id=f"clear_{light}", width=size[0], height=size[1], options=options), fogged]
+
+
 def _shadow_runs(run: Run, in_one: bool) -> list[Run]:
     light = run.lights[0]
     if in_one:
-        return [replace(run, id=f"{SHADOWS}_{light}", options={"shadows": IN_RED})]
-    return [replace(run, id=f"{kind}_{light}", options={"shadows": kind == SHADED}) for kind in (SHADED, UNSHADED)]
+        return [replace(run, id=f"{SHADOWS}_{light}", options={**run.options, "shadows": IN_RED})]
+    return [replace(run, id=f"{kind}_{light}", options={**run.options, "shadows": kind == SHADED})
+            for kind in (SHADED, UNSHADED)]
 
 
-def glow_size(width: int, height: int, longer_side: int | None) -> tuple[int, int]:
-    """Width and height at which the glow of lamps is found, for a photograph's."""
-    reduction = min(1.0, (longer_side or 10**9) / max(width, height))
+def glow_size(width: int, height: int, longer_side: int) -> tuple[int, int]:
+    """Width and height of what is found at this longer side [pixel] or the photograph's, for a photograph's."""
+    reduction = min(1.0, longer_side / max(width, height))
     return max(1, round(width * reduction)), max(1, round(height * reduction))
 
 
@@ -139,23 +149,25 @@ def shaded_lights(scene: PlacedScene, strengths: dict[str, float]) -> list[str]:
     return [name for name in able if name not in many[MOST_SHADED:]]
 
 
-def dense_samples(scene: PlacedScene, medium: Medium) -> int:
+def dense_samples(scene: PlacedScene, medium: Medium, fineness: Fineness) -> int:
     """Points along a ray below which a step of it spans too much optical depth."""
     extinction = float(np.add(*medium.coefficients()).max())
     depth = extinction * 2 * scene.extent()
     if medium.render_step() == np.inf:
-        return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, depth) / LARGEST_OPTICAL_STEP))
+        return int(np.ceil(min(FARTHEST_OPTICAL_DEPTH, depth) / fineness.optical_step))
     # one ray may end in fog where another sees far
-    return int(np.ceil(min(depth / LARGEST_OPTICAL_STEP, MOST_SAMPLES["in_scattering"])))
+    return int(np.ceil(min(depth / fineness.optical_step, fineness.density_steps)))
 
 
-def uneven_samples(scene: PlacedScene, medium: Medium, kind: str) -> int:
+def uneven_samples(scene: PlacedScene, medium: Medium, kind: str, fineness: Fineness) -> int:
     """Points along a ray below which a step of it would miss how the fog's density varies."""
     step = medium.render_step()
     if step == np.inf:
         return 1
+    # each sample of V is lit through as many again, those of T are few
+    most = {"in_scattering": fineness.density_steps, "transmittance": MOST_DENSITY_STEPS}[kind]
     longest = min(scene.extent(), farthest_seen(scene, medium))
-    return int(np.clip(np.ceil(longest / (STEPS_OF[kind] * step)), 1, MOST_SAMPLES[kind]))
+    return int(np.clip(np.ceil(longest / (STEPS_OF[kind] * step)), 1, most))
 
 
 def as_json(run: Run) -> dict[str, Any]:
@@ -170,7 +182,12 @@ def from_json(data: dict[str, Any]) -> Run:
                          remedy="remove the scene's build folder and run make again") from None
 
 
-def _grid(scene: PlacedScene, count: int = 24) -> tuple[np.ndarray, np.ndarray]:
+def planned_runs(plan: dict[str, Any]) -> list[Run]:
+    """All renders of a plan: of the maps, and of the single pixels that check them."""
+    return [from_json(data) for data in [*plan["runs"], *(plan["check"] or {"runs": []})["runs"]]]
+
+
+def surface_grid(scene: PlacedScene, count: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """Surface points (count, count, 3) [m] and ray directions over the photograph."""
     camera = scene.camera.resized(count, count)
     directions = camera.directions(camera.pixel_centres())
@@ -195,7 +212,7 @@ def _path(scene: PlacedScene, light: str, points: np.ndarray) -> np.ndarray:
     return scene.lights[light].incident(points)[1]
 
 
-def _in_scattering(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray,
+def in_scattering_about(scene: PlacedScene, medium: Medium, light: str, directions: np.ndarray, points: np.ndarray,
                    through: float = 1.0) -> np.ndarray:
     """Rough, unoccluded V along the grid's rays; phase function taken as even, and the light's way to have
     `through` times the stated extinction."""

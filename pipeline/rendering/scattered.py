@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.geometry.camera import Camera
 from pipeline.geometry.normals import surface_normals
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.maps import read_map
@@ -14,8 +15,9 @@ from pipeline.paths import Build
 from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.penumbrae import carried
-from pipeline.physics.upsampling import upsample
+from pipeline.physics.upsampling import Enlargement
 from pipeline.plugins.base import Medium
+from pipeline.rendering import fineness
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
@@ -82,15 +84,19 @@ class Scattered:
         if self.medium.longest_step() < np.inf:
             self.medium = _Remembering(self.medium, self.scene.camera.position)
         self.strengths = read_strengths(build)
-        self.runs = {data["id"]: from_json(data) for data in read_json(build.plan)["runs"]}
+        plan = read_json(build.plan)
+        self.runs = {data["id"]: from_json(data) for data in plan["runs"]}
+        self.fineness = fineness.from_json(plan["fineness"])
         size = self.scene.camera.height, self.scene.camera.width
         self.depth = read_map(build.depth, size).astype(float)
         self.extinction = np.add(*self.medium.coefficients())
         surfaces = read_map(build.surfaces, size)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
-        self.in_scattering_size = read_json(build.input("render"))["in_scattering_size"]
+        #: at the size at which glow is found: V without shadows, and the light's transmittance on its way to surfaces
         self.glows: dict[str, np.ndarray] = {}
+        self.ways: dict[str, np.ndarray] = {}
+        self.enlargements: dict[tuple, Enlargement] = {}
         self.solid_depths: dict[tuple[int, int], np.ndarray] = {}
         self.edges = read_edges(build)
         front = self.depth if self.edges is None else self.edges.front_depth
@@ -108,6 +114,13 @@ class Scattered:
         return View(depth, where, depth[where], chosen, points,
                     normals[where] if normals is not None else -chosen,
                     medium.optical_depth(camera.position, points))
+
+    def single(self, where: tuple[np.ndarray, np.ndarray]) -> View:
+        """The view of some pixels alone, rows and columns (n,); mixed ones by what is in front."""
+        front = self.front
+        normals = front.normals if self.scene.outdoors else surface_normals(front.points, self.scene.camera.position)
+        return View(front.full_depth, where, front.depth[where], front.directions[where], front.points[where],
+                    normals[where], front.optical_depth[where])
 
     def by(self, light: str) -> np.ndarray:
         """In-scattering V of one light at its strength, (H, W, 3)."""
@@ -172,15 +185,13 @@ class Scattered:
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""
-        eye, camera = self.scene.camera.position, self.scene.camera
-        width, height = glow_size(camera.width, camera.height, self.in_scattering_size)
-        one = self.scene.lights[light]
-        if (width, height) == (camera.width, camera.height):
-            return np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
+        eye, camera, small = self.scene.camera.position, self.scene.camera, self._small_camera()
+        one, tolerance = self.scene.lights[light], self.fineness.glow_tolerance
+        if (small.width, small.height) == (camera.width, camera.height):
+            return np.array(one.glow(self.medium, eye, view.directions, view.depth, tolerance))
         if light not in self.glows:
-            small = camera.resized(width, height)
-            depth = self._solid_depth(width, height, view)
-            self.glows[light] = one.in_scattering(self.medium, eye, small.directions(small.pixel_centres()), depth)
+            depth = self._solid_depth(small.width, small.height, view)
+            self.glows[light] = one.glow(self.medium, eye, small.directions(small.pixel_centres()), depth, tolerance)
         return self._resampled(self.glows[light], view)
 
     def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
@@ -207,8 +218,11 @@ class Scattered:
     def _resampled(self, values: np.ndarray, view: View) -> np.ndarray:
         """What was rendered at any size, at the view's pixels."""
         if values.shape[:2] != self.depth.shape:
-            coarse_depth = self._solid_depth(values.shape[1], values.shape[0], view)
-            values = upsample(values, coarse_depth, view.full_depth)
+            key = values.shape[:2], view is self.behind
+            if key not in self.enlargements:
+                coarse_depth = self._solid_depth(values.shape[1], values.shape[0], view)
+                self.enlargements[key] = Enlargement(coarse_depth, view.full_depth)
+            values = self.enlargements[key].of(values)
         return values[view.where]
 
     def _solid_depth(self, width: int, height: int, view: View) -> np.ndarray:
@@ -234,7 +248,10 @@ class Scattered:
             reduced = clear * eye * on_the_way
             return strength, clear, reduced, clear, reduced
         irradiance, path = one.incident(view.points)
-        if one.midpoint() is not None:
+        rendered = f"transmittance_{light}" in self.runs
+        if not rendered and self.fineness.transmittance != fineness.MIDPOINT and one.integrates(self.medium):
+            on_the_way = self._way(light, view)
+        elif one.midpoint() is not None:
             on_the_way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
         else:
             # light that comes by reflection crosses fog about as dense as what lies before the eye
@@ -245,15 +262,56 @@ class Scattered:
         basis, exposure = self._clear(light)
         basis = basis[view.where]
         clear = basis / exposure
-        if f"transmittance_{light}" not in self.runs:
-            return strength, clear, clear * eye * on_the_way, indirect, indirect * eye * on_the_way
-        fogged = self._image(f"transmittance_{light}")[view.where]
         entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
+        if not rendered:
+            return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
+        if not self._is_full_size(f"transmittance_{light}"):
+            way = self._rendered_way(light, view)
+            return strength, clear, clear * eye * way * entry, indirect, indirect * eye * way
+        fogged = self._image(f"transmittance_{light}")[view.where]
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
         off_middle = self._off_middle(reduced, clear * eye * on_the_way, digits, view)
         return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way * off_middle), indirect,
                 indirect * eye * on_the_way * off_middle)
+
+    def _rendered_way(self, light: str, view: View) -> np.ndarray:
+        """Transmittance (..., 3) of the light's way to the surfaces, by renders that are smaller than the photograph."""
+        if light not in self.ways:
+            fogged, basis = self._image(f"transmittance_{light}"), self._image(f"clear_{light}")
+            camera = self.scene.camera.resized(fogged.shape[1], fogged.shape[0])
+            depth = self._solid_depth(camera.width, camera.height, view)
+            points = camera.position + depth[..., None] * camera.directions(camera.pixel_centres())
+            from_middle = np.exp(-self.medium.optical_depth(self.scene.lights[light].midpoint(), points))
+            digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
+            both = np.exp(-self.medium.optical_depth(camera.position, points)) * from_middle
+            ratio = fogged / self.runs[f"transmittance_{light}"].exposure * self.runs[f"clear_{light}"].exposure
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                ratio = np.where(digits & (both > 0), ratio / (basis * both), 1.0)
+            pixel = depth / float(np.mean(camera.focal_length))
+            off_middle = carried(np.clip(ratio, 1 / MOST_OFF_MIDDLE, MOST_OFF_MIDDLE), digits.all(-1), points, pixel)
+            self.ways[light] = np.clip(off_middle * from_middle, 0, 1)
+        return self._resampled(self.ways[light], view)
+
+    def _is_full_size(self, run: str) -> bool:
+        return (self.runs[run].height, self.runs[run].width) == self.depth.shape
+
+    def _way(self, light: str, view: View) -> np.ndarray:
+        """Transmittance (..., 3) of the light's way to the surfaces, by an integral over its area: as smooth as glow."""
+        one, step, eye = self.scene.lights[light], self.fineness.transmittance_step, self.scene.camera.position
+        if one.midpoint() is None:
+            return one.way_transmittance(self.medium, view.points, view.normals, step)
+        if light not in self.ways:
+            camera = self._small_camera()
+            directions = camera.directions(camera.pixel_centres())
+            points = eye + self._solid_depth(camera.width, camera.height, view)[..., None] * directions
+            self.ways[light] = one.way_transmittance(self.medium, points, surface_normals(points, eye), step)
+        return self._resampled(self.ways[light], view)
+
+    def _small_camera(self) -> Camera:
+        """The camera at the size at which glow is found."""
+        camera = self.scene.camera
+        return camera.resized(*glow_size(camera.width, camera.height, self.fineness.in_scattering_size))
 
     def _off_middle(self, reduced, from_middle, digits, view: View) -> np.ndarray:
         """By what fog dims the light differently (..., 3) than on the way from its middle, carried on into penumbrae."""
@@ -269,7 +327,7 @@ class Scattered:
         """Irradiance/pi of the light without fog times an exposure, and that, of as many small lights as the render with
         fog has."""
         finer = f"clear_{light}"
-        if finer in self.runs:
+        if finer in self.runs and self._is_full_size(finer):
             return self._image(finer), self.runs[finer].exposure
         image = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)
         return image, read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]

@@ -119,14 +119,18 @@ def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, alb
                 irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": 120})
             for light in lights]
     jobs = [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
-    for run, seconds in zip(runs, povray.render_side_by_side(jobs, **_limits(build))):
+    limits = _limits(build)
+    for run, seconds in zip(runs, povray.render_side_by_side(jobs, at_once=limits["threads"], timeout=limits["timeout"])):
         _tell(run, seconds)
     reflected = [read_map(build.basis / f"{run.id}.exr").astype(float) / run.exposure for run in runs]
     return np.stack(reflected) / np.maximum(of_face, 1e-3)
 
 
-def render(build: Build, run: Run, text: str) -> None:
-    _tell(run, povray.render(*_written(build, run, text), **_limits(build)))
+def render(build: Build, runs: list[Run], texts: list[str]) -> None:
+    """Renders of direct light."""
+    limits = _limits(build)
+    povray.render_together([_written(build, run, text) for run, text in zip(runs, texts)], **limits,
+                           told=lambda index, seconds: _tell(runs[index], seconds))
 
 
 def _limits(build: Build) -> dict:

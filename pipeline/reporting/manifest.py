@@ -39,13 +39,13 @@ def plain(value: Any) -> Any:
 
 
 def manifest_of(build: Build, artefacts: dict[str, Any], parameters: dict[str, Any],
-                seconds: dict[str, Any], errors: dict[str, Any]) -> dict[str, Any]:
+                seconds: dict[str, Any], errors: dict[str, Any], planned: dict[str, Any] | None) -> dict[str, Any]:
     """All that the manifest says, in JSON's terms; files are named from the manifest's folder."""
     return plain({
         "project": {"name": "fog-into-photographs", "version": __version__}, "scene": build.scene,
         "fog": build.fog or "default", "versions": _versions(),
         "sources": _sources(build, parameters["photograph"]), "parameters": parameters,
-        "seconds": seconds, "estimated_error": errors,
+        "plan": planned, "seconds": seconds, "estimated_error": errors,
         "povray_warnings": _povray_warnings(build), "outputs": _outputs(build, artefacts)})
 
 

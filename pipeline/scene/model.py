@@ -88,28 +88,50 @@ class CameraDescription(Model):
 
 
 class RenderSettings(Model):
-    """How finely the maps are rendered."""
+    """How accurate the foggy photograph is to be, and what else concerns the renders.
 
-    samples: int = parameter(24, "1", ge=1, le=10000,
-                             description="points along each ray where fog is lit; more for dense fog")
-    in_scattering_size: int | None = parameter(
-        256, "pixel", ge=16, le=20000,
-        description="longer side at which the glow of lamps is rendered; null for the photograph's")
-    shadow_size: int | None = parameter(
-        None, "pixel", ge=16, le=20000,
-        description="longer side at which renders tell what shadows take from an area light's glow; half of the glow's,"
-                    " but not below 128, when left out")
-    transmittance: Literal["area", "midpoint"] = parameter(
-        "area", description="of a lamp's light on its way to surfaces: averaged over its area, or from its midpoint, as"
-                            " in the paper (eq. 5), which needs no render")
+    Knobs that are left out, or null, are chosen by what `tolerance`, `budget` or `quality` asks; one that is stated holds.
+    """
+
+    quality: Literal["draft", "normal", "final"] = parameter(
+        "normal", description="draft to look at, normal to use, final to measure: a tolerance of 0.05, 0.01 or 0.002, for"
+                              " which the plan picks the cheapest renders")
+    tolerance: Annotated[float, Field(ge=1e-4, le=1)] | None = parameter(
+        None, "1", description="relative error of the foggy photograph to stay below, instead of `quality`")
+    budget: Annotated[float, Field(ge=0.1, le=86400)] | None = parameter(
+        None, "s", description="time for the fog, of a photograph whose light is known, in which the smallest error is"
+                               " wanted; instead of `quality` and `tolerance`")
+    samples: Annotated[int, Field(ge=1, le=10000)] | None = parameter(
+        None, "1", description="points along each ray where fog is lit; more for dense fog")
+    in_scattering_size: Annotated[int, Field(ge=16, le=20000)] | None = parameter(
+        None, "pixel", description="longer side at which the glow of lamps is found; 20000 is any photograph's own")
+    glow_tolerance: Annotated[float, Field(ge=1e-5, le=0.5)] | None = parameter(
+        None, "1", description="relative change at which the integral of an area light's glow is fine enough")
+    shadow_size: Annotated[int, Field(ge=16, le=20000)] | None = parameter(
+        None, "pixel",
+        description="longer side at which renders tell what shadows take from a glow")
+    shadow_lights: Annotated[int, Field(ge=1, le=32)] | None = parameter(
+        None, "1", description="its square is the most small lights that stand for an area light in those renders")
+    shaft_samples: Annotated[int, Field(ge=1, le=10000)] | None = parameter(
+        None, "1", description="points along each ray in a shaft of sunlight, or in a single lamp's glow; three times"
+                                    " `samples` where only that is stated")
+    transmittance: Literal["area", "integrated", "midpoint"] | None = parameter(
+        None, description="of a lamp's light on its way to surfaces: rendered over its area, as half-shadows in dense"
+                               " fog need it; averaged over its area without a render; or from its midpoint, as in the"
+                               " paper (eq. 5)")
+    transmittance_size: Annotated[int, Field(ge=16, le=20000)] | None = parameter(
+        None, "pixel", description="longer side at which the light's way to surfaces is rendered; 20000 is any photograph's"
+                                   " own")
+    transmittance_step: Annotated[float, Field(gt=1e-3, le=100)] | None = parameter(
+        None, "1", description="optical depth that a small part of a lamp may span for T; smaller is more accurate in"
+                                    " half-shadows in dense fog")
     glow: Literal["integrated", "rendered"] = parameter(
         "integrated", description="of area lights: integrated over the area, renders saying what shadows take; or all of it"
-                                  " rendered, so that edits of templates/lights/area.inc show in it (always where the"
-                                  " scene has a template of its own)")
-    transmittance_step: float = parameter(
-        0.05, "1", gt=1e-3, le=100,
-        description="optical depth that a small part of a lamp may span where T is rendered; smaller is more accurate in"
-                    " half-shadows in dense fog")
+                                  " rendered, so that edits of templates/lights/area.inc show in it (always where a"
+                                  " template is not as it came)")
+    checked_pixels: Annotated[int, Field(ge=0, le=10000)] | None = parameter(
+        None, "1", description="made as finely as it takes, to estimate the error of all: 24 for draft, 64 for normal, 128"
+                               " for final quality when left out; 0 for no estimate")
     restore_clipped_lamps: bool = parameter(
         True,
         description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn"

@@ -21,8 +21,12 @@ from pipeline.plugins.lights.sun import Sun
 from pipeline.rendering import povray
 from pipeline.rendering.scattered import Scattered
 from pipeline.rendering.emit import Run, Templates, emit, write_side_files
-from pipeline.rendering.runs import MOST_INTERVALS
+from pipeline.rendering.runs import MOST_INTERVALS, glow_size
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths, write_json
+
+#: Longer side [pixel] of the renders, and the points along their rays at least: what costs most, the glow of area lights,
+#: is rendered once more with the surfaces in it.
+SIZE, SAMPLES = 256, 24
 
 
 def run(build: Build) -> None:
@@ -39,15 +43,14 @@ def run(build: Build) -> None:
     scattered = Scattered(build)
     depth, transmittance = scattered.depth, scattered.transmittance(lamps + suns)
     in_scattering = sum(scattered.by(light) for light in lamps + suns)
-    # the glow's own size: what costs most is rendered once more with the surfaces in it
+    width, height = glow_size(depth.shape[1], depth.shape[0], SIZE)
     glows = [r for r in plan["runs"] if r["kind"] == "in_scattering" and r["lights"][0] not in suns]
-    coarse = max((r["width"] for r in glows), default=depth.shape[1])
-    width, height = coarse, max(1, round(depth.shape[0] * coarse / depth.shape[1]))
     nearest = np.ix_(((np.arange(height) + 0.5) * depth.shape[0] / height).astype(int),
                      ((np.arange(width) + 0.5) * depth.shape[1] / width).astype(int))
     transmittance, in_scattering = transmittance[nearest], in_scattering[nearest]
     emitter = read_map(build.surfaces)[..., 1][nearest]
-    count = max((r["samples"] for r in glows), default=settings["samples"])
+    count = max((r["samples"] for r in glows), default=0)
+    count = max(count, SAMPLES)
     # in one render its edges are those of samples, not of a shaft
     sun_count = 3 * count if medium.render_step() == np.inf else min(3 * count, MOST_INTERVALS)
     photograph, foggy = np.zeros((height, width, 3)), np.zeros((height, width, 3))

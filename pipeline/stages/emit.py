@@ -5,7 +5,7 @@ from __future__ import annotations
 from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build
 from pipeline.rendering.emit import Templates, emit, write_side_files
-from pipeline.rendering.runs import from_json
+from pipeline.rendering.runs import planned_runs
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
 
 
@@ -13,8 +13,7 @@ def run(build: Build) -> None:
     scene, medium, templates = read_placed(build), read_fog(build), Templates(build.source)
     build.pov.mkdir(parents=True, exist_ok=True)
     wanted = []
-    for data in read_json(build.plan)["runs"]:
-        planned = from_json(data)
+    for planned in planned_runs(read_json(build.plan)):
         text = emit(planned, scene, templates, medium=medium)
         wanted.append(f"{planned.id}.pov")
         with replacing(build.pov / wanted[-1]) as name:

@@ -32,16 +32,14 @@ def run(build: Build) -> None:
     if not read_json(build.input("demand"))["light_strengths"]:
         return _without_fog(build)
     templates = Templates(build.source)
-    runs = {}
     wanted = [irradiance_run(scene, light) for light in filter(scene.rendered, scene.lights)]
     try:
         # a stage of the photograph reads the fog's settings for this limit alone; nothing is made from it
         refuse_too_much(scene, wanted, read_json(build.input("render"))["max_light_samples"])
     except InputError as error:
         raise error.at(scene_place(build, "render")) from None
-    for planned in wanted:
-        render(build, planned, emit(planned, scene, templates))
-        runs[planned.id] = as_json(planned)
+    render(build, wanted, [emit(planned, scene, templates) for planned in wanted])
+    runs = {planned.id: as_json(planned) for planned in wanted}
     for old in build.basis.glob("irradiance_*"):
         if old.stem not in runs:
             old.unlink()  # of a light that is no more: Make looks whether each has its picture

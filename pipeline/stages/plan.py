@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from pipeline import paths
+import sys
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
 from pipeline.errors import InputError
+from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from pipeline.physics.bulbs import UNSEEN
+from pipeline.planning.choosing import Choice, choose
+from pipeline.planning.demands import demands
+from pipeline.planning.model import calibration, demands_as_json, errors_of
 from pipeline.plugins.base import Medium
+from pipeline.rendering import converged
 from pipeline.rendering.emit import Run, Templates
-from pipeline.rendering.runs import (MOST_SAMPLES, MOST_SHADED, SHADED, SHADOWS, as_json, dense_samples, fog_runs, hidden,
+from pipeline.rendering.fineness import MIDPOINT, Fineness
+from pipeline.rendering.fineness import as_json as fineness_json
+from pipeline.rendering.own_templates import rendered_for_their_templates, surfaces_are_ours
+from pipeline.rendering.runs import (FEWEST_BLURRED, MOST_SHADED, SHADED, SHADOWS, as_json, fog_runs, hidden,
                                      shaded_lights, uneven_samples)
 from pipeline.rendering.work import refuse_too_much
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, scene_place, write_json
+from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
+
+#: Pixels that are made as finely as it takes, to tell how far off the others are, by quality.
+CHECKED = {"draft": 24, "normal": 64, "final": 128}
 
 
 def run(build: Build) -> None:
@@ -20,6 +36,7 @@ def run(build: Build) -> None:
     settings = read_json(build.input("render"))
     lights: list[str] = []
     runs: list[Run] = []
+    fineness, check, expected, wanted_json = Fineness(), None, None, None
     if medium.is_clear():
         reasons = ["the fog extinguishes nothing: no render, the photograph comes back unchanged"]
     else:
@@ -28,43 +45,75 @@ def run(build: Build) -> None:
         bright = [name for name in scene.lights if strengths[name] > 0]
         lights = [name for name in bright if not hidden(scene, medium, name)]
         shaded = shaded_lights(scene, {name: strengths[name] for name in lights})
-        runs = fog_runs(scene, medium, lights, settings["samples"], settings["in_scattering_size"], shaded,
-                        settings["transmittance"] == "midpoint", settings["transmittance_step"],
-                        lights if settings["glow"] == "rendered" else _of_own_template(build, scene),
-                        settings["shadow_size"], _surfaces_are_ours(build, scene))
+        templates = Templates(build.source)
+        by_template = rendered_for_their_templates(templates, scene, medium)
+        own = lights if settings["glow"] == "rendered" else by_template
+        constants = calibration(build.builds)
+        wanted = demands(scene, medium, read_map(build.photograph), read_strengths(build), lights, shaded, own,
+                         uneven_samples(scene, medium, "in_scattering", Fineness()))
+        wanted_json = demands_as_json(wanted)
+        choice = choose(wanted, settings, constants)
+        fineness = choice.fineness
+        expected = {"asked": asked_for(settings, choice), "seconds": choice.seconds, "relative_error": choice.error,
+                    "relative_error_by": errors_of(wanted, fineness, constants), "calibration": constants.source}
+        print(f"  {told(expected)}", file=sys.stderr, flush=True)
+        in_one = surfaces_are_ours(templates, scene)
+        runs = fog_runs(scene, medium, lights, fineness, shaded, own, in_one)
+        stated = settings["checked_pixels"]
+        count = CHECKED[settings["quality"]] if stated is None else stated
+        if count and any(scene.rendered(name) or name in shaded for name in lights):
+            pixels = converged.chosen(read_map(build.depth), ~_mixed_or_lamp(build), max(
+                1, round(max(scene.camera.width, scene.camera.height) / fineness.in_scattering_size)), count)
+            checks = converged.runs(scene, medium, lights, shaded, in_one, pixels)
+            check = {"pixels": np.stack(pixels.where, -1).tolist(), "weights": pixels.weights.tolist(),
+                     "runs": [as_json(one) for one in checks]}
         try:
             refuse_too_much(scene, runs, settings["max_light_samples"])
         except InputError as error:
             raise error.at(scene_place(build, "render")) from None
-        reasons = [f"{name}: strength 0, no render" for name in scene.lights if name not in bright]
+        reasons = [told(expected), *chosen_knobs(fineness, settings)]
+        reasons += [f"{name}: strength 0, no render" for name in scene.lights if name not in bright]
         reasons += [f"{name}: left out, behind {UNSEEN:g} optical depths of fog" for name in bright if name not in lights]
-        reasons += reasons_for(scene, medium, lights, runs, settings["samples"])
+        reasons += reasons_for(scene, medium, lights, runs, fineness)
     write_json(build.plan, {
-        "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
+        "fineness": fineness_json(fineness),
+        "demands": wanted_json, "expected": expected, "check": check, "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
         "reasons": reasons})
 
 
-def _of_own_template(build: Build, scene: PlacedScene) -> list[str]:
-    """Lights that the scene states by a template of its own: what that says must show."""
-    own = [folder for folder in Templates(build.source).folders if folder not in (paths.TEMPLATES, paths.INCLUDES)]
-    return [name for name, light in scene.lights.items() if any((folder / light.template_name()).is_file() for folder in own)]
+def asked_for(settings: dict[str, Any], choice: Choice) -> dict[str, Any]:
+    """What a person asked, in the words of the scene file."""
+    if choice.tolerance is None:
+        return {"budget": settings["budget"]}
+    return {"tolerance": choice.tolerance} if settings["tolerance"] else {
+        "quality": settings["quality"], "tolerance": choice.tolerance}
 
 
-#: What states how surfaces look; a scene's own may not know how to let green light through.
-SURFACES = ("in_scattering.pov", "head.inc", "fog_surfaces.inc", "shapes/planar_faces.inc")
+def told(expected: dict[str, Any]) -> str:
+    asked = expected["asked"]
+    what = (f"a budget of {asked['budget']:g} s" if "budget" in asked else
+            f"quality {asked['quality']}, a tolerance of {asked['tolerance']:g}" if "quality" in asked else
+            f"a tolerance of {asked['tolerance']:g}")
+    return f"asked for {what}: expects a relative error of {expected['relative_error']:.2g} in {expected['seconds']:.1f} s"
 
 
-def _surfaces_are_ours(build: Build, scene: PlacedScene) -> bool:
-    """Whether all shapes are stated by the project's own templates, and leave their looks to Fog_Face_Texture."""
-    shapes = {shape.template_name() for shape in scene.shapes.values()}
-    folders = Templates(build.source).folders
-    first = {name: next((folder for folder in folders if (folder / name).is_file()), None) for name in {*SURFACES, *shapes}}
-    return all(folder in (paths.TEMPLATES, paths.INCLUDES) for folder in first.values()) and not any(
-        "pigment" in (first[name] / name).read_text(encoding="utf-8") for name in shapes)
+def chosen_knobs(fineness: Fineness, settings: dict[str, Any]) -> list[str]:
+    """What the plan chose, and what the scene states."""
+    own = [one.name for one in fields(fineness) if settings.get(one.name) is not None]
+    values = fineness_json(fineness)
+    chosen = ", ".join(f"{name} {value:g}" if isinstance(value, (int, float)) else f"{name} {value}"
+                       for name, value in values.items() if name not in own)
+    return [f"chosen for that: {chosen}"] + ([f"as the scene states: {', '.join(own)}"] if own else [])
 
 
-def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run], samples: int
-                ) -> list[str]:
+def _mixed_or_lamp(build: Build) -> np.ndarray:
+    """Pixels (H, W) that show a lamp, or two things at once."""
+    edges, lamp = read_edges(build), read_map(build.surfaces)[..., 1] >= 0
+    return lamp if edges is None else lamp | edges.mixed
+
+
+def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run],
+                fineness: Fineness) -> list[str]:
     """Why the runs are these and no others, one line a choice."""
     reasons = []
     for name in lights:
@@ -81,7 +130,8 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
         elif not scene.rendered(name):
             reasons.append(f"{name}: known in closed form, no render")
         if scene.rendered(name) and f"transmittance_{name}" not in {one.id for one in runs}:
-            reasons.append(f"{name}: T by the light's midpoint, no render")
+            reasons.append(f"{name}: T by the light's midpoint, no render" if fineness.transmittance == MIDPOINT
+                           else f"{name}: T without shadows of parts of it, by quadrature; no render")
         if f"clear_{name}" in {one.id for one in runs}:
             reasons.append(f"{name}: smaller parts of it for T, for the fog is dense and its half-shadows wide")
     if not medium.coefficients()[1].max() > 0:
@@ -94,16 +144,17 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
         name, = one.lights
         if one.width < scene.camera.width:
             reasons.append(f"{name}: glow at {one.width}x{one.height}, for it is smooth; edges of depth are kept")
-        if one.samples > samples and one.samples == uneven_samples(scene, medium, one.kind):
-            few = one.samples == MOST_SAMPLES[one.kind]
-            reasons.append(f"{name}: {one.samples} samples instead of {samples}: steps that follow how the fog"
+        single = scene.lights[name].sub_light_count() < FEWEST_BLURRED
+        asked = fineness.shaft_samples if single else fineness.samples
+        if one.samples > asked and one.samples == uneven_samples(scene, medium, one.kind, fineness):
+            few = one.samples == fineness.density_steps
+            reasons.append(f"{name}: {one.samples} samples instead of {asked}: steps that follow how the fog"
                            " varies" + (", as nearly as is affordable" if few else ""))
-        elif one.samples > samples and one.samples == dense_samples(scene, medium):
-            reasons.append(f"{name}: {one.samples} samples instead of {samples}: dense fog, a third of an"
-                           " optical depth each")
-        elif one.samples > samples:
-            reasons.append(f"{name}: {one.samples} samples instead of {samples}: few lights, whose shadow"
-                           " edges nothing blurs")
+        elif one.samples > asked:
+            reasons.append(f"{name}: {one.samples} samples instead of {asked}: dense fog, {fineness.optical_step:.2g}"
+                           " optical depths each")
+        elif single:
+            reasons.append(f"{name}: {one.samples} samples, for the shadow edges of a single light are blurred by nothing")
     return reasons
 
 

@@ -7,6 +7,7 @@ a photograph larger than its working size are made from images of that size, but
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from pipeline.reporting.facts import (
 from pipeline.reporting.manifest import links, manifest_of, run_seconds, stage_seconds
 from pipeline.reporting.outdoors import fog_rows, open_air, own_shapes, patch_rows, region_rows
 from pipeline.reporting.page import page
+from pipeline.reporting.planned import in_words, outcome, shortcomings
 from pipeline.scene.artefacts import image_camera, image_size, read_fog, read_json, read_placed, working, write_json
 from pipeline.scene.placed import PlacedScene
 
@@ -58,10 +60,16 @@ def run(build: Build) -> None:
 
     seconds = {"stages": stage_seconds(build), "runs": run_seconds(build, artefacts["plan"])}
     errors = estimated_error(artefacts)
-    manifest = manifest_of(build, artefacts, parameters, seconds, errors)
+    maps = {} if artefacts["plan"]["fog_is_clear"] else read_json(build.maps)
+    planned = outcome(artefacts["plan"], maps, seconds["stages"])
+    manifest = manifest_of(build, artefacts, parameters, seconds, errors, planned)
     write_json(build.manifest, manifest)
+    if planned:
+        print(f"  {in_words(planned)}", file=sys.stderr, flush=True)
+    for one in shortcomings(planned):
+        print(f"  note: {one['text']}", file=sys.stderr, flush=True)
 
-    told = notices(artefacts) + [{"stage": "render", "text": text} for text in manifest["povray_warnings"]]
+    told = notices(artefacts) + shortcomings(planned) + [{"stage": "render", "text": text} for text in manifest["povray_warnings"]]
     pictures = _pictures(images, artefacts["plan"], radiance, depth, drawn, exposure)
     text = page(
         build, pictures=pictures, notices=told,
@@ -70,7 +78,7 @@ def run(build: Build) -> None:
         residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, image_camera(images), depth),
         regions=region_rows(artefacts["geometry"]), patches=patch_rows(artefacts["illumination"]),
         illumination=artefacts["illumination"], fogs=fog_rows(build), key=_key(scene, air, parameters),
-        seconds=seconds, errors=errors, manifest=manifest, plan=artefacts["plan"], facts=artefacts["facts"],
+        seconds=seconds, planned=planned and in_words(planned), errors=errors, manifest=manifest, plan=artefacts["plan"], facts=artefacts["facts"],
         links=links(build, artefacts), exposure=exposure,
         colours={name: "#%02x%02x%02x" % rgb for name, rgb in COLOURS.items()})
     with replacing(build.report) as name:

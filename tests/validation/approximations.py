@@ -14,7 +14,8 @@ from tests.validation.truth import ALPHAS, DELTAS, HEIGHTS, Truth
 
 #: What is changed, and how: all else is at best quality, so that each approximation stands alone.
 BEST = {"lights.lamp.sub_lights": "12", "render.samples": "64", "render.transmittance_step": "0.02",
-        "render.in_scattering_size": "null"}
+        "render.in_scattering_size": "20000", "render.glow_tolerance": "0.005", "render.shadow_size": "256",
+        "render.shadow_lights": "12", "render.transmittance": "area"}
 VARIANTS = {
     "best": {},
     "default": {key: None for key in BEST},

@@ -8,13 +8,15 @@ import numpy as np
 
 from pipeline.geometry.planes import polygon_area, polygon_midpoint, polygon_normal
 from pipeline.physics import polygon_glow
-from pipeline.physics.emitters import polygon_cells
+from pipeline.physics.emitters import emitted_way, polygon_cells
 from pipeline.plugins.annotations import Outline, facing
 from pipeline.plugins.base import Colour, Light, Vector, parameter
 
 
 #: A side; its square is what a render pays for.
 MOST_SUB_LIGHTS = 32
+#: A side of the grid by which T's mean over the area is taken, at least: what is near a lamp sees it from aside.
+MIN_SIDE = 3
 
 
 class Area(Light):
@@ -68,16 +70,35 @@ class Area(Light):
         count = int(np.ceil(min(extinction * across / step, MOST_SUB_LIGHTS)))
         return self if count <= self.sub_lights else self.model_copy(update={"sub_lights": count})
 
+    def coarser(self, count):
+        return self if count >= self.sub_lights else self.model_copy(update={"sub_lights": count})
+
+    def parts(self, count):
+        return *polygon_cells(self.outline.polygon, count), self.normal
+
+    def integrates(self, medium):
+        return medium.layered
+
+    def way_transmittance(self, medium, points, normals, step):
+        across = float(np.linalg.norm(np.ptp(self.outline.polygon, axis=0)))
+        extinction = np.add(*medium.coefficients())
+        count = int(np.clip(np.ceil(extinction.max() * across / step), MIN_SIDE, MOST_SUB_LIGHTS))
+        return emitted_way(*polygon_cells(self.outline.polygon, count), self.normal, points, normals, extinction,
+                           medium.density_path)
+
     def completes(self, medium):
         # where the density stands on a grid, the way from each part of the lamp would cost too much
         return medium.layered
 
     def in_scattering(self, medium, eye, directions, depth):
+        return self.glow(medium, eye, directions, depth, polygon_glow.TOLERANCE)
+
+    def glow(self, medium, eye, directions, depth, tolerance):
         shape = np.shape(depth)
         absorption, scattering = medium.coefficients()
         found = polygon_glow.in_scattering(
             self.outline.polygon, self.normal, np.asarray(eye, float), np.reshape(directions, (-1, 3)), np.ravel(depth),
-            medium.density, medium.density_path, medium.phase().value, absorption + scattering, scattering)
+            medium.density, medium.density_path, medium.phase().value, absorption + scattering, scattering, tolerance)
         return found.reshape(*shape, 3)
 
     def statement(self) -> dict[str, Any]:

@@ -76,6 +76,10 @@ class Spot(Light):
     def in_scattering(self, medium, eye, directions, depth):
         return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius, self.lit_cone)
 
+    def completes(self, medium):
+        # elsewhere the way from the bulb to each point of a ray is an integral of its own
+        return medium.layered
+
     def arrival(self, medium, points, normals):
         return bulbs.arrival(medium, points, normals, self.position.vector[None], self.radius, [1.0],
                              self.lit_cone)

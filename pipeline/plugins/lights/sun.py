@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial import ConvexHull
+import scipy
 
 from pipeline.geometry.planes import Plane, polygon_area, polygon_normal
 from pipeline.geometry.shaft import shaft_hulls
@@ -63,7 +63,7 @@ class Sun(Light):
         # A point is lit through the window whose opening its light crosses nearest to the centre.
         points, direction = np.asarray(points, float), np.asarray(self.direction, float)
         best, path = np.full(points.shape[:-1], np.inf), np.zeros(points.shape[:-1])
-        for shaft in shafts(self):
+        for shaft in entries(self):
             normal = np.asarray(shaft["window_normal"])
             travelled = np.maximum((points - shaft["window_point"]) @ normal / (direction @ normal), 0)
             crossing = points - travelled[..., None] * direction
@@ -76,45 +76,64 @@ class Sun(Light):
                 best = np.minimum(best, off_centre)
         return path
 
+    def integrates(self, medium):
+        return True
+
+    def way_transmittance(self, medium, points, normals, step):
+        # the sun's render says nothing of its way either: see entry_path
+        return np.ones((*np.shape(points)[:-1], 3))
+
     def statement(self) -> dict[str, Any]:
         return {"shafts": shafts(self)}
 
 
-def shafts(sun: Sun) -> list[dict[str, Any]]:
-    """What the template needs of each window/patch pair (Zhao et al. 2013, Fig. 6d).
+def entries(sun: Sun) -> list[dict[str, Any]]:
+    """Where the sun comes in, for each window/patch pair.
 
-    hulls: (m, 4) each, outward normals and offsets [m] of the bounding volume, n.x <= c inside.
     window_point, window_normal: plane at which the sunlight enters the fog, normal into the room.
     lit_openings: the patches, pulled back along the sunlight to the window's plane: light through them
-    falls exactly on the annotated patches. shaft_openings: the same for each whole volume, convex.
+    falls exactly on the annotated patches.
     """
-    direction = np.asarray(sun.direction, float)
     result = []
     for name, opening in sun.openings.items():
-        window = opening.window.polygon
-        plane = Plane(window.mean(0), polygon_normal(window))
-        patches = [p.polygon for p in opening.patches]
-        hulls = shaft_hulls(window, patches, name)
-
-        def pulled_back(points: np.ndarray) -> np.ndarray:
-            travelled = (points - plane.point) @ plane.normal / (direction @ plane.normal)
-            return points - travelled[:, None] * direction
-
+        plane = _window_plane(opening)
         result.append({
-            "name": name,
-            "hulls": [hull.planes.tolist() for hull in hulls],
-            "window_point": plane.point.tolist(),
-            "window_normal": plane.normal.tolist(),
-            "lit_openings": [pulled_back(p).tolist() for p in patches],
-            "shaft_openings": [_outline(pulled_back(hull.vertices)).tolist() for hull in hulls],
-        })
+            "name": name, "window_point": plane.point.tolist(), "window_normal": plane.normal.tolist(),
+            "lit_openings": [_pulled_back(p.polygon, plane, sun).tolist() for p in opening.patches]})
     return result
+
+
+def shafts(sun: Sun) -> list[dict[str, Any]]:
+    """What the template needs of each window/patch pair (Zhao et al. 2013, Fig. 6d), beside what `entries` says.
+
+    hulls: (m, 4) each, outward normals and offsets [m] of the bounding volume, n.x <= c inside.
+    shaft_openings: each whole volume, convex, pulled back to the window's plane.
+    """
+    result = []
+    for entry, opening in zip(entries(sun), sun.openings.values()):
+        hulls = shaft_hulls(opening.window.polygon, [p.polygon for p in opening.patches], entry["name"])
+        plane = _window_plane(opening)
+        result.append({
+            **entry, "hulls": [hull.planes.tolist() for hull in hulls],
+            "shaft_openings": [_outline(_pulled_back(hull.vertices, plane, sun)).tolist() for hull in hulls]})
+    return result
+
+
+def _window_plane(opening: Opening) -> Plane:
+    window = opening.window.polygon
+    return Plane(window.mean(0), polygon_normal(window))
+
+
+def _pulled_back(points: np.ndarray, plane: Plane, sun: Sun) -> np.ndarray:
+    direction = np.asarray(sun.direction, float)
+    travelled = (points - plane.point) @ plane.normal / (direction @ plane.normal)
+    return points - travelled[:, None] * direction
 
 
 def _outline(points: np.ndarray) -> np.ndarray:
     """Convex outline (m, 3) of coplanar points, a hundredth wider, so that its rim shades nothing inside."""
     plane = Plane.through(points)
     along = np.linalg.svd(points - plane.point)[2][:2]
-    hull = ConvexHull((points - plane.point) @ along.T)
+    hull = scipy.spatial.ConvexHull((points - plane.point) @ along.T)
     rim = points[hull.vertices]
     return rim.mean(0) + 1.01 * (rim - rim.mean(0))

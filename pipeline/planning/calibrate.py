@@ -1,0 +1,210 @@
+"""Measures the constants of the plan's model on this machine, over the scenes that the project carries."""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.imaging.maps import read_map
+from pipeline.paths import CALIBRATION, Build
+from pipeline.planning import trial
+from pipeline.planning.model import Calibration, concerned, demands_from_json, seconds_of
+from pipeline.rendering import povray
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
+from pipeline.rendering.runs import from_json
+from pipeline.rendering.work import light_samples
+from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+
+#: Scenes and fogs that are measured; None is a scene's own fog.
+CASES = [("cornell", None), ("cornell", "homogeneous_a0.40_d0.30"), ("bathroom", None), ("bathroom", "thick"),
+         ("cornell_height", None), ("building", None), ("lamps", None)]
+#: All knobs but one are at these levels while that one is measured.
+FINE = Fineness(in_scattering_size=192, glow_tolerance=0.005, shadow_size=128, samples=40, shadow_lights=6,
+                shaft_samples=120, transmittance=INTEGRATED, transmittance_step=0.05)
+LEVELS: dict[str, list[Any]] = {
+    "in_scattering_size": [48, 64, 96], "glow_tolerance": [0.1, 0.05, 0.02], "shadow_size": [24, 48, 72],
+    "samples": [4, 8, 16], "shadow_lights": [2, 3, 4], "shaft_samples": [6, 12, 24, 48]}
+#: Pixels made as finely as it takes, to which all are compared.
+PIXELS = 200
+#: Longer sides [pixel] of T's renders that are measured.
+T_SIZES = [64, 128]
+#: Share of V below which what a knob adds to its error is lost among the rest.
+LEAST_SHARE = 0.05
+#: Share of the measurements that a law is to lie above: a plan that promises too much helps nobody.
+QUANTILE = 0.8
+#: Exponents are fitted, but kept within what a law of its kind may be.
+EXPONENTS = {"in_scattering_size": (-2.0, -1.0), "glow_tolerance": (0.4, 1.0), "shadow_size": (-2.0, -0.7),
+             "samples": (-1.5, -0.8), "transmittance_size": (-1.5, -0.5), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
+
+
+def calibrate(scenes: Path, builds: Path) -> Path:
+    """Measures, fits and writes what `model.calibration` reads; the fogs of CASES must have been made."""
+    made = [Build(scene, fog, scenes, builds) for scene, fog in CASES]
+
+    screen = sys.stderr
+
+    def told(line: str) -> None:
+        print(f"  {line}", file=screen, flush=True)
+
+    with quiet():
+        constants = seconds(made[2], made[0])
+        told("seconds: " + ", ".join(f"{name} {value:.2g}" for name, value in constants.items()))
+        records = measured_errors(made, told)
+    found = laws(records)
+    told("errors: " + ", ".join(f"{name} {value[0]:.2g}" for name, value in found.items()))
+    path = builds / CALIBRATION
+    write_json(path, {
+        "cores": os.cpu_count() or 1, "machine": platform.processor() or platform.machine(), "povray": povray.version(),
+        "seconds": constants, "error": found, "measured": records})
+    return path
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Stages say what they do; hundreds of times that helps nobody."""
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stderr(nowhere):
+        yield
+
+
+def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[dict[str, Any]]:
+    """One record a trial: case, knob, level, what it adds to the error of V or T, and what of V it concerns."""
+    records = []
+    for build in builds:
+        case = f"{build.scene}:{build.fog or 'default'}"
+        base = _trial(build, FINE)
+        for knob, levels in LEVELS.items():
+            share = concerned(base["demands"], knob) / max(base["demands"].share(), 1e-12)
+            if not share > LEAST_SHARE:
+                continue
+            for level in levels:
+                one = _trial(build, replace(FINE, **{knob: level}))
+                added = _added(one["error"]["in_scattering"], base["error"]["in_scattering"])
+                records.append({"case": case, "knob": knob, "level": level, "error": added / share})
+                told(f"{case}: {knob} {level}: V {added:.2%}")
+        if any(one.half_shadow[MIDPOINT] > 0 for one in base["demands"].lights):
+            surfaces = base["demands"].surfaces
+            for knob, level, change in (("half_shadow", INTEGRATED, {}), ("half_shadow", MIDPOINT, {"transmittance": MIDPOINT}),
+                                        *(("transmittance_size", size, {"transmittance": AREA, "transmittance_size": size})
+                                          for size in T_SIZES)):
+                one = _trial(build, replace(FINE, **change)) if change else base
+                spread = base["demands"].half_shadow(level if knob == "half_shadow" else INTEGRATED)
+                records.append({"case": case, "knob": knob, "level": level,
+                                "error": one["error"]["transmittance"] * surfaces / max(spread, 1e-12)})
+                told(f"{case}: {knob} {level}: T {one['error']['transmittance']:.2%}")
+    return records
+
+
+def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
+    """Factor and exponent of each knob, and the factor of half-shadows, so that most of what was measured lies below."""
+    found = {}
+    for knob in (*LEVELS, "transmittance_size"):
+        own = [one for one in records if one["knob"] == knob and one["error"] > 1e-6]
+        low, high = EXPONENTS[knob]
+        slopes = []
+        for case in {one["case"] for one in own}:
+            points = np.log([(one["level"], one["error"]) for one in own if one["case"] == case])
+            if len(points) > 1:
+                slopes.append(np.polyfit(*points.T, 1)[0])
+        exponent = float(np.clip(np.median(slopes), low, high)) if slopes else (low + high) / 2
+        factors = [one["error"] * one["level"] ** -exponent for one in own]
+        found[knob] = [float(np.quantile(factors, QUANTILE)) if factors else 0.0, exponent]
+    factors = [one["error"] for one in records if one["knob"] == "half_shadow"]
+    found["half_shadow"] = [float(np.quantile(factors, QUANTILE)) if factors else 0.1]
+    return found
+
+
+def seconds(room: Build, lit: Build) -> dict[str, float]:
+    """Time constants. room: an interior with lamps and a shaft of sun; lit: a scene of few faces and one lamp."""
+    made = {build: trial.run(build, "calibrate", {**trial.settings_of(FINE), "quality": "final"}) for build in (room, lit)}
+    wait, start = _render_once(lit, replace(_run_of(lit, "shadows"), width=1, height=1, samples=1))
+    per_sample, faces = {}, {}
+    for build in (room, lit):
+        one = _run_of(build, "shadows")
+        scene = read_placed(build)
+        per_sample[build] = (_render_once(build, one)[1] - start) / light_samples(scene, one)
+        faces[build] = len(scene.faces())
+    slope = max((per_sample[room] - per_sample[lit]) / max(faces[room] - faces[lit], 1), 0.0)
+    sample = max(per_sample[lit] - slope * faces[lit], 0.2 * per_sample[lit])
+    shaft = _run_of(room, "in_scattering")
+    shaft_sample = (_render_once(room, shaft)[1] - start) / (shaft.width * shaft.height * shaft.samples)
+    face = slope / sample
+    rays, exponent = _glow(lit)
+    constants = {"wait": wait - start, "render": start, "light_sample": sample, "face": face, "shaft_sample": shaft_sample,
+                 "surface_light": sample * 1e6, "glow_ray": rays, "glow_ray_exponent": exponent,
+                 "fixed": 0.0, "megapixel": 0.0, "megapixel_of_light": 0.0}
+    # what is left of whole chains, over their megapixels and lights
+    left, rows = [], []
+    for build, outcome in made.items():
+        demand = demands_from_json(read_json(trial.of(build, "calibrate").plan)["demands"])
+        known = seconds_of(demand, FINE, Calibration(constants, {}, os.cpu_count() or 1, ""))
+        left.append(outcome.total - known)
+        rows.append(demand.megapixels * (1 + 0.5 * len(demand.lights)))
+    per_megapixel = max((left[0] - left[1]) / (rows[0] - rows[1]), 0.2)
+    constants["megapixel"], constants["megapixel_of_light"] = per_megapixel, 0.5 * per_megapixel
+    constants["fixed"] = max(left[1] - per_megapixel * rows[1], 0.3) + _python_start()
+    return constants
+
+
+def _trial(build: Build, fineness: Fineness) -> dict[str, Any]:
+    trial.run(build, "calibrate", {**trial.settings_of(fineness), "quality": "final", "checked_pixels": PIXELS}, fresh=False)
+    made = trial.of(build, "calibrate")
+    return {"error": read_json(made.maps)["estimated_error"], "demands": demands_from_json(read_json(made.plan)["demands"])}
+
+
+def _added(error: float, base: float) -> float:
+    return float(np.sqrt(max(error**2 - base**2, 0.0)))
+
+
+def _run_of(build: Build, kind: str):
+    runs = [from_json(data) for data in read_json(trial.of(build, "calibrate").plan)["runs"]]
+    return max((one for one in runs if one.id.startswith(kind)), key=lambda one: one.width * one.height * one.samples)
+
+
+def _render_once(build: Build, run) -> tuple[float, float]:
+    """Wall time [s] of one POV-Ray run on one thread, and what the processor worked."""
+    from pipeline.rendering.emit import Templates, emit
+
+    made = trial.of(build, "calibrate")
+    pov, image = made.out / "timing.pov", made.out / "timing.exr"
+    pov.write_text(emit(run, read_placed(build), Templates(build.source), medium=read_fog(build)), encoding="utf-8")
+    for old in (image, image.with_suffix(".sha256")):
+        old.unlink(missing_ok=True)
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    povray.render(pov, image, run.width, run.height, threads=1)
+    wall, after = time.monotonic() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _glow(build: Build) -> tuple[float, float]:
+    """Factor and exponent of the seconds of one core a ray, by the tolerance."""
+    scene, medium = read_placed(build), read_fog(build)
+    light = next(one for one in scene.lights.values() if one.parts(1) is not None)
+    small = scene.camera.resized(48, 48)
+    directions = small.directions(small.pixel_centres())
+    depth = read_map(build.depth)[:: scene.camera.height // 48, :: scene.camera.width // 48][:48, :48].astype(float)
+    taken = []
+    for tolerance in (0.1, 0.02, 0.005):
+        start = time.monotonic()
+        light.glow(medium, scene.camera.position, directions, depth, tolerance)
+        taken.append((tolerance, (time.monotonic() - start) / depth.size))
+    exponent, factor = np.polyfit(*np.log(taken).T, 1)
+    return float(np.exp(factor)), float(exponent)
+
+
+def _python_start() -> float:
+    """Seconds by which the stages' processes start."""
+    import subprocess
+
+    start = time.monotonic()
+    subprocess.run([sys.executable, "-c", "import pipeline.stages.plan"], check=True)
+    return len(trial.STAGES) * (time.monotonic() - start)
