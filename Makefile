@@ -29,6 +29,7 @@ fog ?=
 fogs ?=
 cases ?= 2000
 seed ?= 1
+repeats ?= 5
 to ?=
 quality ?=
 tolerance ?=
@@ -40,7 +41,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed to quality tolerance budget
+unexport scene fog fogs cases seed repeats to quality tolerance budget
 define newline
 
 
@@ -86,13 +87,14 @@ define check_number
 endef
 $(eval $(call check_number,cases))
 $(eval $(call check_number,seed))
+$(eval $(call check_number,repeats))
 $(eval $(call check_folder,SCENES))
 $(eval $(call check_folder,BUILD))
 
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed to quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -268,7 +270,7 @@ calibrate: $(READY) | povray
 	$(run) calibrate
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench-lamps photos photograph schema plugins digests clean help
+.PHONY: test test-slow fuzz validation bench bench-record bench-lamps photos photograph schema plugins digests clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
 
@@ -280,6 +282,9 @@ fuzz: setup
 
 validation: setup
 	@OMP_NUM_THREADS=1 $(PY) -m tests.validation
+
+bench bench-record: setup
+	@$(PY) -m tests.benchmarks --folder $(BUILD)/bench --repeats $(repeats) $(if $(filter bench-record,$@),--record)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -324,9 +329,13 @@ help:
 	@echo "  make test, test-slow     the tests; with the slow ones"
 	@echo "  make validation          the paper's Fig. 8, 9, 10: composite against ground truth, into build/validation/; long"
 	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
+	@echo "  make bench               seconds and errors of maps and fogs, beside Mitsuba 3's where it is installed, into build/bench/bench.md"
+	@echo "  make bench-record        the same, kept in tests/benchmarks/results.md and history.csv"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
+	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"
+	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
 	@echo "  scene=NAME               folder under scenes/"
@@ -336,6 +345,7 @@ help:
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
+	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"
 	@echo "  SCENES=DIR BUILD=DIR     where scenes and results are (scenes, build)"
 	@echo "  PYTHON=python3.12        the Python to set up with; POVRAY=PROGRAM the POV-Ray to use"

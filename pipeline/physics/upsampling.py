@@ -42,4 +42,11 @@ class Enlargement:
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """`values` (h, w, 3) made at the coarse size, (H, W, 3)."""
-        return sum(weight[..., None] * values[at[0]][:, at[1]] for at, weight in self.parts)
+        result = np.empty((*self.parts[0][1].shape, values.shape[2]))
+        for channel in range(values.shape[2]):
+            if channel and np.array_equal(values[..., channel], values[..., channel - 1]):
+                result[..., channel] = result[..., channel - 1]  # of grey fog
+                continue
+            one = np.ascontiguousarray(values[..., channel])
+            result[..., channel] = sum(weight * one[at[0]][:, at[1]] for at, weight in self.parts)
+        return result

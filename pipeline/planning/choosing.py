@@ -18,7 +18,7 @@ TOLERANCE = {"draft": 0.05, "normal": 0.01, "final": 0.002}
 #: Levels of each knob, coarse to fine; those of a group cost and err together.
 GROUPS: list[dict[str, list[Any]]] = [
     {"in_scattering_size": [48, 64, 96, 128, 192, 256, 384, 512], "glow_tolerance": [0.1, 0.05, 0.02, 0.005, 0.002]},
-    {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48],
+    {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48, 72, 96],
      "shadow_lights": [2, 3, 4, 5, 8]},
     {"shaft_samples": [6, 12, 24, 48, 72, 144]},
     {"transmittance": [INTEGRATED, AREA], "transmittance_size": [96, 160, 256, 20000]},
@@ -30,6 +30,8 @@ MARGIN = 0.8
 OPTICAL_STEP, COARSE = 1 / 3, 0.03
 #: So many times as far off as the picture may T and V be: they are products too.
 OF_MAPS = 1.0
+#: Below this their errors are asked for by no picture, and cost most of the time.
+LEAST_OF_MAPS = 0.005
 
 
 @dataclass(frozen=True)
@@ -61,18 +63,15 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
         own = np.array([one[:2] for one in fronts[-1]]) - finest
         seconds, error = ((total[:, None] + one).ravel() for total, one in ((seconds, own[:, 0]), (error, own[:, 1])))
     if budget is not None:
-        enough = seconds <= budget
+        enough, wanted = seconds <= budget, (error, seconds)
+        if not enough.any():
+            enough, wanted = np.full(len(seconds), True), (seconds, error)
     else:
-        # the maps are products too, and are not to be much worse than the picture
         of_t = np.add.outer(np.zeros([len(one) for one in fronts[:-1]]), [one[1] for one in fronts[-1]]).ravel() - finest[1]
-        enough = ((error <= (MARGIN * tolerance) ** 2)
-                  & (error - of_t <= (OF_MAPS * tolerance * demand.share()) ** 2)
-                  & (of_t <= (OF_MAPS * tolerance * demand.surfaces) ** 2))
-    wanted = (error, seconds) if budget is not None else (seconds, error)
-    if not enough.any():
-        # nothing is: the nearest to it
-        enough = np.full(len(seconds), True)
-        wanted = wanted[::-1]
+        of_maps = max(OF_MAPS * tolerance, LEAST_OF_MAPS)
+        enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, of_maps * demand.share())
+                  & _within(of_t, of_maps * demand.surfaces))
+        wanted = seconds, error
     best = np.flatnonzero(enough)[np.lexsort([one[enough] for one in wanted[::-1]])[0]]
     chosen: dict[str, Any] = {}
     for front, index in zip(fronts, np.unravel_index(best, [len(one) for one in fronts])):
@@ -80,6 +79,11 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
     fineness = Fineness(**chosen, optical_step=step).stated(settings)
     return Choice(fineness, None if budget is not None else tolerance, seconds_of(demand, fineness, constants),
                   error_of(demand, fineness, constants))
+
+
+def _within(squared: np.ndarray, limit: float) -> np.ndarray:
+    """Whether squared errors are below a limit; where none is, as near to the least as a half of the limit lets."""
+    return squared <= max(limit**2, float(squared.min()) + (limit / 2) ** 2)
 
 
 def _front(group: dict[str, list[Any]], measured: Callable[[Fineness], tuple[float, float]]

@@ -22,11 +22,11 @@ from pipeline.rendering.scattered import Scattered, View
 from pipeline.scene.placed import PlacedScene
 
 #: How finely those pixels are made.
-FINENESS = Fineness(in_scattering_size=20000, glow_tolerance=5e-4, shadow_size=20000, samples=96, shadow_lights=9,
-                    shaft_samples=250, optical_step=0.1, density_steps=200, transmittance=INTEGRATED,
-                    transmittance_step=0.01)
+FINENESS = Fineness(in_scattering_size=20000, glow_tolerance=1e-3, shadow_size=20000, samples=96, shadow_lights=9,
+                    shaft_samples=200, optical_step=0.1, density_steps=200, transmittance=INTEGRATED,
+                    transmittance_step=0.03)
 #: Side of the grid of points on a lamp that a surface is lit from.
-LAMP_SIDE = 10
+LAMP_SIDE = 8
 #: So much [share] of the way from a lamp is not asked for what stands in it: there the surface itself is met.
 NEAR_END = 1e-3
 #: Depths that differ by so much within what one pixel of a smaller map covers are an edge.

@@ -130,7 +130,7 @@ class RenderSettings(Model):
                                   " rendered, so that edits of templates/lights/area.inc show in it (always where a"
                                   " template is not as it came)")
     checked_pixels: Annotated[int, Field(ge=0, le=10000)] | None = parameter(
-        None, "1", description="made as finely as it takes, to estimate the error of all: 24 for draft, 64 for normal, 128"
+        None, "1", description="made as finely as it takes, to estimate the error of all: 80 for draft, 160 for normal, 320"
                                " for final quality when left out; 0 for no estimate")
     restore_clipped_lamps: bool = parameter(
         True,

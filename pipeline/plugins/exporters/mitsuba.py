@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from typing import Literal
-from xml.sax.saxutils import escape, quoteattr
+from html import escape
 
 import numpy as np
 
@@ -135,7 +135,7 @@ def _point(name, point):
 
 
 def _shape(file):
-    return f'<shape type="obj"><string name="filename" value={quoteattr(file)}/><boolean name="face_normals" value="true"/>'
+    return f'<shape type="obj"><string name="filename" value="{escape(file)}"/><boolean name="face_normals" value="true"/>'
 
 
 def _obj(vertices, triangles):
