@@ -104,8 +104,7 @@ def test_render_that_is_ended(ending, tiny_scene, capfd):
     stage = cli(tiny_scene, "render")
     # POV-Ray alone is started with the file as an argument
     renderer = until(lambda: [pid for pid in processes_naming(f"+I{slow.resolve()}")])[0]
-    # renders run side by side
-    until((tiny_scene.build.runs / f"{runs[0]}.sha256").exists)
+    until((tiny_scene.build.runs / f"{runs[0]}.sha256").exists)  # they go side by side
     os.kill(renderer if ending == "POV-Ray killed" else stage.pid,
             signal.SIGKILL if ending == "POV-Ray killed" else signal.SIGINT)
     said = stage.communicate(timeout=60)[1]

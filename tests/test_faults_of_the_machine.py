@@ -225,7 +225,7 @@ def test_map_of_another_size(name, stage, size, scene, capfd):  # noqa: F811
     assert f"{path}: a map of {size[1]}x{size[0]} pixels, not 24x18; delete it and run the pipeline again" in message
 
 
-@pytest.mark.parametrize("name, first", [("runs/transmittance_bulb.exr", "render"),
+@pytest.mark.parametrize("name, first", [("runs/transmittance_lamp.exr", "render"),
                                          ("basis/irradiance_lamp.exr", "illumination")])
 def test_deleted_render_is_made_again(name, first, scene):  # noqa: F811
     """As the line about a damaged picture advises."""

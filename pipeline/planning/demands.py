@@ -41,6 +41,11 @@ class LightDemand:
     half_shadow: dict[str, float]
     surface_lights: int
 
+    @property
+    def sampled(self) -> bool:
+        """Whether anything of its V is a sum of samples."""
+        return self.shadows or self.work in (RENDERED, SHAFT)
+
 
 @dataclass(frozen=True)
 class Demands:
@@ -65,7 +70,7 @@ class Demands:
         """Of the foggy picture, what the V of lights of these works is, or of all; of those whose shadows are blurred or not
         alone, where that is asked."""
         chosen = [one.share for one in self.lights if (not works or one.work in works) and (
-            blurred is None or (one.shadows and one.blurred == blurred))]
+            blurred is None or (one.sampled and one.blurred == blurred))]
         return float(np.sqrt(sum(one**2 for one in chosen)))
 
     def half_shadow(self, way: str) -> float:

@@ -21,6 +21,8 @@ from pipeline.rendering.runs import glow_size
 
 #: Constants as measured on one machine; those of this machine stand in the build folder once `make calibrate` ran.
 CARRIED = Path(__file__).with_name("calibration.json")
+#: So many times as far off are a bulb's samples where all of its V is rendered, and not only what shadows take.
+WHOLE_PEAK = 4.0
 #: Works whose V a knob has a say in, and whether in shadows that are blurred, in others, or in all.
 CONCERNS: dict[str, tuple[tuple[str, ...], bool | None]] = {
     "in_scattering_size": ((GLOW, RENDERED, SINGLE), None), "glow_tolerance": ((GLOW,), None),
@@ -115,7 +117,11 @@ def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) ->
 
 
 def concerned(demand: Demands, knob: str) -> float:
-    """Share of the foggy picture in whose V a knob has a say."""
+    """Share of the foggy picture in whose V a knob has a say, times what it weighs there."""
+    if knob == "shaft_samples":
+        # what is rendered whole has its lamp's own peak to follow too
+        whole = demand.share(RENDERED, blurred=False)
+        return float(np.hypot(demand.share(SHAFT, SINGLE, blurred=False), WHOLE_PEAK * whole))
     return demand.share(*CONCERNS[knob][0], blurred=CONCERNS[knob][1])
 
 
