@@ -26,7 +26,7 @@ FINENESS = Fineness(in_scattering_size=20000, glow_tolerance=1e-3, shadow_size=2
                     shaft_samples=200, optical_step=0.1, density_steps=200, transmittance=INTEGRATED,
                     transmittance_step=0.03)
 #: Side of the grid of points on a lamp that a surface is lit from.
-LAMP_SIDE = 8
+LAMP_SIDE = 14
 #: So much [share] of the way from a lamp is not asked for what stands in it: there the surface itself is met.
 NEAR_END = 1e-3
 #: Depths that differ by so much within what one pixel of a smaller map covers are an edge.

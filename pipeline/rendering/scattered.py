@@ -249,7 +249,8 @@ class Scattered:
             return strength, clear, reduced, clear, reduced
         irradiance, path = one.incident(view.points)
         rendered = f"transmittance_{light}" in self.runs
-        if not rendered and self.fineness.transmittance != fineness.MIDPOINT and one.integrates(self.medium):
+        if self.fineness.transmittance != fineness.MIDPOINT and one.integrates(self.medium):
+            # by a render it is known better, but where nothing of the light arrives directly
             on_the_way = self._way(light, view)
         elif one.midpoint() is not None:
             on_the_way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
