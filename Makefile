@@ -176,7 +176,7 @@ setup-figures: $(READY)
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
 # images of a photograph larger than its working size have that size in this folder
-W := $(shell grep -qs working_width_pixel $(S)/photograph.json && echo working/)
+W := $(shell [[ -f $(S)/photograph.json && "$$(< $(S)/photograph.json)" == *working_width_pixel* ]] && echo working/)
 # whose make it is that works in the folder: one that was started by a make works for that one
 owner = FOG_MAKE=$${FOG_MAKE:-$$PPID}
 run = @$(owner) $(PY) -m pipeline
