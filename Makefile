@@ -228,13 +228,14 @@ $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_file
   $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py) pipeline/planning/*) $(call code,plan,$(geometry))
 	$(run) plan
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
-  $(filter-out $(clear_templates) $(closure_templates),$(templates)) pipeline/rendering/emit.py $(call code,emit,$(geometry))
+  $(filter-out $(clear_templates) $(closure_templates),$(templates)) $(wildcard $(addprefix pipeline/rendering/,emit.py pruning.py)) $(call code,emit,$(geometry))
 	$(run) emit
 $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(wildcard $(O)/pov/*.pov))) \
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(run) render
 $(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
-  pipeline/rendering/enlarged.py $(call code,decompose,$(geometry) physics)
+  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py) pipeline/planning/accuracy.py) \
+  $(call code,decompose,$(geometry) physics)
 	$(run) decompose
 $(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json \
   $(addprefix pipeline/,physics/composition.py physics/enlarging.py rendering/enlarged.py imaging/map_strips.py) \
@@ -320,7 +321,7 @@ help:
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
-	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some ten minutes"
+	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"

@@ -20,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "working"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working"}
 
 
 def checked_name(name: str, what: str) -> str:

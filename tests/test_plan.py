@@ -21,7 +21,7 @@ from pipeline.planning.demands import GLOW, SHAFT, Demands, LightDemand
 from pipeline.planning.model import CARRIED, calibration, error_of, seconds_of
 from pipeline.rendering import own_templates
 from pipeline.rendering.emit import Templates
-from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.rendering.pruning import without_unused_macros
 from pipeline.scene.artefacts import read_fog, read_json, read_placed
 from tests.test_light_transport import DESCRIBED, chain, run
@@ -102,6 +102,18 @@ def test_a_calibration_of_this_machine_outweighs_the_carried_one(tmp_path):
         calibration(tmp_path)
 
 
+def test_smaller_renders_of_t_are_used_and_near_those_of_the_photographs_size(tmp_path):
+    lights, fog = {"area": DESCRIBED["area"]}, {
+        "type": "homogeneous", "absorption_coefficient": [0.4] * 3, "scattering_coefficient": [0.1] * 3}
+    full, small, none = (chain(tmp_path / name, lights, box=True, fog=fog, render=render) for name, render in (
+        ("full", {"transmittance": "area"}), ("small", {"transmittance": "area", "transmittance_size": 24}),
+        ("none", {"transmittance": "integrated"})))
+    assert read_map(small.runs / "transmittance_area.exr").shape == (18, 24, 3)
+    t, other, without = (read_map(one.transmittance) for one in (full, small, none))
+    assert not np.array_equal(other, without), "the render has a say"
+    assert np.median(np.abs(other / t - 1)) < 1e-3 and np.percentile(np.abs(other / t - 1), 99) < 0.02
+
+
 # ---- what the error is ------------------------------------------------------------------------
 
 def test_the_error_is_the_worse_of_bright_and_dark():
@@ -132,7 +144,8 @@ def test_converged_pixels_tell_the_error_of_the_whole_picture(tmp_path):
             "glow_tolerance": 1e-3, "transmittance": "area", "transmittance_step": 0.02}
     few = chain(tmp_path / "few", lights, box=True, render={**coarse, "checked_pixels": 200})
     many = chain(tmp_path / "many", lights, box=True, render={**fine, "checked_pixels": 200})
-    true = relative_error(trial.foggy(few), trial.foggy(many))
+    found, finest = (read_map(one.foggy(".exr"))[read_map(one.surfaces)[..., 1] < 0] for one in (few, many))
+    true = relative_error(found, finest)
     told = read_json(few.maps)["estimated_error"]
     assert 0.5 * true <= told["relative_error"] <= 2 * true and told["at_most"] >= 0.8 * true, (true, told)
     # the finest itself is near what its pixels are by another way
@@ -226,8 +239,9 @@ def test_trials_leave_the_scenes_own_results_alone(tmp_path):
     build = chain(tmp_path, {"area": DESCRIBED["area"]}, box=True)
     before = {path: path.read_bytes() for path in build.out.glob("*.exr")}
     build.lines.exists() or build.lines.write_text("{}")
-    outcome = trial.run(build, "one", {**trial.settings_of(Fineness(in_scattering_size=24, samples=4)), "checked_pixels": 20})
-    assert outcome.total > 0 and set(outcome.seconds) == set(trial.STAGES) and np.isfinite(outcome.foggy).all()
+    seconds = trial.run(build, "one", {**as_json(Fineness(in_scattering_size=24, samples=4)), "checked_pixels": 20})
+    assert min(seconds.values()) > 0 and set(seconds) == set(trial.STAGES)
+    assert np.isfinite(read_map(trial.of(build, "one").foggy(".exr"))).all()
     assert {path: path.read_bytes() for path in build.out.glob("*.exr")} == before
 
 

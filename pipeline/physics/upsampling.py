@@ -8,11 +8,6 @@ import numpy as np
 DEPTH_TOLERANCE = 0.05
 
 
-def upsample(values: np.ndarray, coarse_depth: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """`values` (h, w, 3) at the pixels of `depth` (H, W); see `Enlargement`."""
-    return Enlargement(coarse_depth, depth).of(values)
-
-
 class Enlargement:
     """Bilinear, but not across edges of depth, from maps of one size to those of another.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import resource
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +21,8 @@ from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
 from pipeline.planning.model import Calibration, concerned, demands_from_json, seconds_of
 from pipeline.rendering import povray
-from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
+from pipeline.rendering.emit import Templates, emit
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.rendering.runs import from_json
 from pipeline.rendering.work import light_samples
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
@@ -125,7 +127,7 @@ def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
 
 def seconds(room: Build, lit: Build) -> dict[str, float]:
     """Time constants. room: an interior with lamps and a shaft of sun; lit: a scene of few faces and one lamp."""
-    made = {build: trial.run(build, "calibrate", {**trial.settings_of(FINE), "quality": "final"}) for build in (room, lit)}
+    made = {build: trial.run(build, "calibrate", {**as_json(FINE), "quality": "final"}) for build in (room, lit)}
     wait, start = _render_once(lit, replace(_run_of(lit, "shadows"), width=1, height=1, samples=1))
     per_sample, faces = {}, {}
     for build in (room, lit):
@@ -144,10 +146,10 @@ def seconds(room: Build, lit: Build) -> dict[str, float]:
                  "fixed": 0.0, "megapixel": 0.0, "megapixel_of_light": 0.0}
     # what is left of whole chains, over their megapixels and lights
     left, rows = [], []
-    for build, outcome in made.items():
+    for build, taken in made.items():
         demand = demands_from_json(read_json(trial.of(build, "calibrate").plan)["demands"])
         known = seconds_of(demand, FINE, Calibration(constants, {}, os.cpu_count() or 1, ""))
-        left.append(outcome.total - known)
+        left.append(sum(taken.values()) - known)
         rows.append(demand.megapixels * (1 + 0.5 * len(demand.lights)))
     per_megapixel = max((left[0] - left[1]) / (rows[0] - rows[1]), 0.2)
     constants["megapixel"], constants["megapixel_of_light"] = per_megapixel, 0.5 * per_megapixel
@@ -156,7 +158,7 @@ def seconds(room: Build, lit: Build) -> dict[str, float]:
 
 
 def _trial(build: Build, fineness: Fineness) -> dict[str, Any]:
-    trial.run(build, "calibrate", {**trial.settings_of(fineness), "quality": "final", "checked_pixels": PIXELS}, fresh=False)
+    trial.run(build, "calibrate", {**as_json(fineness), "quality": "final", "checked_pixels": PIXELS}, fresh=False)
     made = trial.of(build, "calibrate")
     return {"error": read_json(made.maps)["estimated_error"], "demands": demands_from_json(read_json(made.plan)["demands"])}
 
@@ -172,8 +174,6 @@ def _run_of(build: Build, kind: str):
 
 def _render_once(build: Build, run) -> tuple[float, float]:
     """Wall time [s] of one POV-Ray run on one thread, and what the processor worked."""
-    from pipeline.rendering.emit import Templates, emit
-
     made = trial.of(build, "calibrate")
     pov, image = made.out / "timing.pov", made.out / "timing.exr"
     pov.write_text(emit(run, read_placed(build), Templates(build.source), medium=read_fog(build)), encoding="utf-8")
@@ -203,8 +203,6 @@ def _glow(build: Build) -> tuple[float, float]:
 
 def _python_start() -> float:
     """Seconds by which the stages' processes start."""
-    import subprocess
-
     start = time.monotonic()
     subprocess.run([sys.executable, "-c", "import pipeline.stages.plan"], check=True)
     return len(trial.STAGES) * (time.monotonic() - start)

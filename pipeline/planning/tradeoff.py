@@ -16,7 +16,7 @@ from pipeline.paths import Build
 from pipeline.planning import trial
 from pipeline.planning.calibrate import FINE, LEVELS, quiet
 from pipeline.planning.model import calibration, demands_from_json, error_of, seconds_of
-from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.scene.artefacts import read_json
 
 #: Levels of the knobs that calibration leaves out.
@@ -40,12 +40,12 @@ def tradeoff(build: Build) -> list[dict[str, Any]]:
     """Makes the fog some fifty times -> rows of FIELDS, also written as tradeoff.csv and, with matplotlib, tradeoff.png."""
     rows = []
     levels = {knob: [*LEVELS.get(knob, []), *FURTHER.get(knob, [])] for knob in {**LEVELS, **FURTHER}}
-    first = _measured(build, "knob", "all fine", "", trial.settings_of(FINE))
+    first = _measured(build, "knob", "all fine", "", as_json(FINE))
     rows.append(first)
     for knob, values in levels.items():
         for value in values:
             if getattr(FINE, knob) != value:
-                rows.append(_measured(build, "knob", knob, value, trial.settings_of(replace(FINE, **{knob: value}))))
+                rows.append(_measured(build, "knob", knob, value, as_json(replace(FINE, **{knob: value}))))
         # a knob of what the scene has not changes nothing
         own = [row for row in rows if row["knob"] == knob]
         if all(row["relative_error"] == first["relative_error"] for row in own):
@@ -54,7 +54,7 @@ def tradeoff(build: Build) -> list[dict[str, Any]]:
         rows.append(_measured(build, "plan", "tolerance", tolerance, {"tolerance": tolerance, "budget": None}))
     for fineness in _searched(build):
         level = " ".join(f"{knob}={getattr(fineness, knob)}" for knob in SEARCHED)
-        rows.append(_measured(build, "search", "several", level, trial.settings_of(fineness)))
+        rows.append(_measured(build, "search", "several", level, as_json(fineness)))
     for row in rows:
         row["on_front"] = not any(other["seconds"] < row["seconds"] and other["relative_error"] < row["relative_error"]
                                   for other in rows)
@@ -79,11 +79,11 @@ def _searched(build: Build) -> list[Fineness]:
 
 def _measured(build: Build, kind: str, knob: str, level: Any, settings: dict[str, Any]) -> dict[str, Any]:
     with quiet():
-        outcome = trial.run(build, "tradeoff", {**settings, "checked_pixels": PIXELS})
+        seconds = trial.run(build, "tradeoff", {**settings, "checked_pixels": PIXELS})
     made = trial.of(build, "tradeoff")
     error = read_json(made.maps)["estimated_error"]
     expected = read_json(made.plan)["expected"]
-    row = {"kind": kind, "knob": knob, "level": level, "seconds": outcome.total,
+    row = {"kind": kind, "knob": knob, "level": level, "seconds": sum(seconds.values()),
            **{key: (error or {}).get(key, 0.0) for key in ("relative_error", "transmittance", "in_scattering")},
            "expected_seconds": expected["seconds"], "expected_error": expected["relative_error"]}
     print(f"  {kind} {knob} {level}: {row['seconds']:.1f} s, {row['relative_error']:.2%}", file=sys.stderr, flush=True)

@@ -9,11 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
-from pipeline.rendering.fineness import Fineness, as_json
 from pipeline.scene.artefacts import read_json, working, write_json
 
 STAGES = ("plan", "emit", "render", "decompose", "composite")
@@ -34,24 +30,15 @@ class Trial(Build):
         return self.shared / "trials" / (self.fog or "default") / self.name
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """seconds by stage [s]; foggy (n, 3): pixels that show no lamp."""
-
-    seconds: dict[str, float]
-    foggy: np.ndarray
-
-    @property
-    def total(self) -> float:
-        return sum(self.seconds.values())
-
-
 def of(build: Build, name: str) -> Trial:
     return Trial(build.scene, build.fog, build.scenes, build.builds, working(build).reduced, name=name)
 
 
-def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -> Outcome:
-    """Makes the fog with render settings changed as `settings` says, in seconds [s] of cold caches."""
+def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -> dict[str, float]:
+    """Makes the fog with render settings changed as `settings` says; seconds [s] by stage.
+
+    fresh: removes what an earlier trial of this name left, so that every render is made.
+    """
     trial = of(build, name)
     if fresh:
         shutil.rmtree(trial.out, ignore_errors=True)
@@ -65,19 +52,4 @@ def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -
         start = time.monotonic()
         module.run(trial.full if stage in FULL_SIZE else trial)
         seconds[stage] = time.monotonic() - start
-    return Outcome(seconds, foggy(trial))
-
-
-def foggy(build: Build) -> np.ndarray:
-    """The pixels (n, 3) of a fog's result that show no lamp, at the photograph's own size."""
-    return read_map(build.foggy(".exr"))[~shows_lamp(build.full)]
-
-
-def shows_lamp(build: Build) -> np.ndarray:
-    """(H, W) of the build's images."""
-    return read_map(build.surfaces)[..., 1] >= 0
-
-
-def settings_of(fineness: Fineness) -> dict[str, Any]:
-    """Render settings that state all of it."""
-    return as_json(fineness)
+    return seconds

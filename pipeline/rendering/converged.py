@@ -61,7 +61,7 @@ def chosen(depth: np.ndarray, usable: np.ndarray, smaller: int, count: int) -> P
     rows, columns, weights = [], [], []
     for mask, share in parts:
         number = max(1, count // len(parts))
-        # one of each run of pixels in the order of a curve that fills the picture, so that they lie all over it
+        # one of each run of pixels in the order of rows, so that they lie all over the picture
         at = np.flatnonzero(mask)
         strata = np.linspace(0, len(at), min(number, len(at)) + 1)
         picked = at[(strata[:-1] + random.random(len(strata) - 1) * np.diff(strata)).astype(int)]

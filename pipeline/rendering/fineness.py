@@ -21,8 +21,8 @@ class Fineness:
     shadow_lights: side of the grid of small lights that stands for an area light in them, at most.
     shaft_samples: points along a ray inside a shaft, or in the glow of a single lamp, whose shadows nothing blurs.
     optical_step: most optical depths between two of those points; density_steps: most of them where a fog's density
-    varies. transmittance: AREA, INTEGRATED or MIDPOINT. transmittance_size: of its renders. transmittance_step: most optical depths that a small part of a
-    lamp may span for T.
+    varies. transmittance: AREA, INTEGRATED or MIDPOINT. transmittance_size: of its renders. transmittance_step: most
+    optical depths that a small part of a lamp may span for T.
     """
 
     in_scattering_size: int = 256

@@ -96,6 +96,8 @@ class Scattered:
         #: at the size at which glow is found: V without shadows, and the light's transmittance on its way to surfaces
         self.glows: dict[str, np.ndarray] = {}
         self.ways: dict[str, np.ndarray] = {}
+        #: by what renders of their own size say that the latter is off
+        self.rendered_offs: dict[str, np.ndarray] = {}
         self.enlargements: dict[tuple, Enlargement] = {}
         self.solid_depths: dict[tuple[int, int], np.ndarray] = {}
         self.edges = read_edges(build)
@@ -267,8 +269,8 @@ class Scattered:
         if not rendered:
             return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
         if not self._is_full_size(f"transmittance_{light}"):
-            way = self._rendered_way(light, view)
-            return strength, clear, clear * eye * way * entry, indirect, indirect * eye * way
+            on_the_way = np.clip(on_the_way * self._rendered_off(light, view), 0, 1)
+            return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
         fogged = self._image(f"transmittance_{light}")[view.where]
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
@@ -276,23 +278,28 @@ class Scattered:
         return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way * off_middle), indirect,
                 indirect * eye * on_the_way * off_middle)
 
-    def _rendered_way(self, light: str, view: View) -> np.ndarray:
-        """Transmittance (..., 3) of the light's way to the surfaces, by renders that are smaller than the photograph."""
-        if light not in self.ways:
-            fogged, basis = self._image(f"transmittance_{light}"), self._image(f"clear_{light}")
+    def _rendered_off(self, light: str, view: View) -> np.ndarray:
+        """By what renders smaller than the photograph say that fog dims the light differently (..., 3) than on its mean way:
+        near 1, and not the way itself, which bends where surfaces meet."""
+        if light not in self.rendered_offs:
+            one, fogged, basis = self.scene.lights[light], self._image(f"transmittance_{light}"), self._image(f"clear_{light}")
             camera = self.scene.camera.resized(fogged.shape[1], fogged.shape[0])
             depth = self._solid_depth(camera.width, camera.height, view)
             points = camera.position + depth[..., None] * camera.directions(camera.pixel_centres())
-            from_middle = np.exp(-self.medium.optical_depth(self.scene.lights[light].midpoint(), points))
+            if one.integrates(self.medium):
+                known = one.way_transmittance(self.medium, points, surface_normals(points, camera.position),
+                                              self.fineness.transmittance_step)
+            else:
+                known = np.exp(-self.medium.optical_depth(one.midpoint(), points))
             digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
-            both = np.exp(-self.medium.optical_depth(camera.position, points)) * from_middle
+            both = np.exp(-self.medium.optical_depth(camera.position, points)) * known
             ratio = fogged / self.runs[f"transmittance_{light}"].exposure * self.runs[f"clear_{light}"].exposure
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 ratio = np.where(digits & (both > 0), ratio / (basis * both), 1.0)
             pixel = depth / float(np.mean(camera.focal_length))
-            off_middle = carried(np.clip(ratio, 1 / MOST_OFF_MIDDLE, MOST_OFF_MIDDLE), digits.all(-1), points, pixel)
-            self.ways[light] = np.clip(off_middle * from_middle, 0, 1)
-        return self._resampled(self.ways[light], view)
+            self.rendered_offs[light] = carried(np.clip(ratio, 1 / MOST_OFF_MIDDLE, MOST_OFF_MIDDLE), digits.all(-1), points,
+                                                pixel)
+        return self._resampled(self.rendered_offs[light], view)
 
     def _is_full_size(self, run: str) -> bool:
         return (self.runs[run].height, self.runs[run].width) == self.depth.shape

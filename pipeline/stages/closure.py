@@ -49,8 +49,7 @@ def run(build: Build) -> None:
                      ((np.arange(width) + 0.5) * depth.shape[1] / width).astype(int))
     transmittance, in_scattering = transmittance[nearest], in_scattering[nearest]
     emitter = read_map(build.surfaces)[..., 1][nearest]
-    count = max((r["samples"] for r in glows), default=0)
-    count = max(count, SAMPLES)
+    count = max(SAMPLES, *(r["samples"] for r in glows), 0)
     # in one render its edges are those of samples, not of a shaft
     sun_count = 3 * count if medium.render_step() == np.inf else min(3 * count, MOST_INTERVALS)
     photograph, foggy = np.zeros((height, width, 3)), np.zeros((height, width, 3))

@@ -77,7 +77,8 @@ def run(build: Build) -> None:
         reasons += reasons_for(scene, medium, lights, runs, fineness)
     write_json(build.plan, {
         "fineness": fineness_json(fineness),
-        "demands": wanted_json, "expected": expected, "check": check, "fog_is_clear": medium.is_clear(), "lights": lights, "runs": [as_json(r) for r in runs],
+        "demands": wanted_json, "expected": expected, "check": check, "fog_is_clear": medium.is_clear(), "lights": lights,
+        "runs": [as_json(r) for r in runs],
         "reasons": reasons})
 
 
