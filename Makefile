@@ -273,7 +273,7 @@ calibrate: $(READY) | povray
 # ---- other things a person asks for ------------------------------------------------------------
 .PHONY: test test-slow fuzz validation bench bench-record bench-lamps photos photograph schema plugins digests clean help
 test: setup
-	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 -m "not slow"
+	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
 test-slow: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2

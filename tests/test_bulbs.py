@@ -236,7 +236,7 @@ def some_lamps(count, seed=5):
 def test_many_lamps_are_the_sum_of_single_ones(name, extinction, g):
     """A layer a metre thick is 9 pixels high round a lamp at 40 m: at its edges steps of 2 are off."""
     rays, depth = photograph()
-    positions, weights = some_lamps(40 if name == "homogeneous" else 16)
+    positions, weights = some_lamps(24 if name == "homogeneous" else 8)
     medium = fog(name, extinction, g)
     assert depth.size > bulbs.FEW_RAYS
     found = bulbs.bulbs(medium, EYE, rays, depth, positions, RADIUS, weights)[..., 0]

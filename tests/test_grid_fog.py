@@ -146,7 +146,7 @@ def test_lamps_against_dense_integration(tmp_path, kind, count, steps):
     fog = {"type": "grid", "visibility": 10.0, "file": "cloud.npy", "lower": [-1.2, 0.2, -2.8],
            "upper": [1.3, 2.2, 1.5], "yaw": 12.0, "outside": 0.1, "phase_function": {"type": "isotropic"}}
     build = chain(tmp_path, {kind: light}, fog={"type": "homogeneous", "absorption_coefficient": [0, 0, 0],
-                                                  "scattering_coefficient": [0, 0, 0]})
+                                                  "scattering_coefficient": [0, 0, 0]}, render={"quality": "normal"})
     scene = json.loads(build.scene_file.read_text())
     build.scene_file.write_text(json.dumps({**scene, "fog": fog}))
     (build.source / "cloud.npy").write_bytes(npy(blob()))

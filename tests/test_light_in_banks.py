@@ -92,7 +92,7 @@ def test_skylight(g, median, largest):
         paths = np.stack([medium.daylight_path(points, -one) for one in towards], -1)
         return (weight * np.exp(-extinction * paths)).sum(-1)
 
-    truth = along(medium, directions, depth, arriving, steps=120)
+    truth = along(medium, directions, depth, arriving, steps=60)
     # even fog of this brute force's few directions is off by as much as they are
     even = weight.sum(1)
     share = registry("lights")["sky"](type="sky").in_scattering(

@@ -56,7 +56,7 @@ REFERENCE = {
 }
 
 
-def chain(folder, lights, *, box=False, fog=None, render=None, photograph=0.5) -> Build:
+def chain(folder, lights, *, box=False, fog=None, render=None, photograph=0.5, stages=CHAIN) -> Build:
     """The pipeline's stages over a small room of known geometry."""
     build = Build("room", None, folder / "scenes", folder / "build")
     build.source.mkdir(parents=True)
@@ -73,7 +73,7 @@ def chain(folder, lights, *, box=False, fog=None, render=None, photograph=0.5) -
                        "phase_function": {"type": "henyey_greenstein", "asymmetry": ASYMMETRY}}}
     scene["render"] = {"quality": "final", "checked_pixels": 0, **(render or {})}
     build.scene_file.write_text(json.dumps(scene))  # JSON is YAML
-    run(build)
+    run(build, stages=stages)
     return build
 
 

@@ -11,6 +11,7 @@ from pipeline.imaging.maps import read_map
 from pipeline.plugins.media.noise import Noise
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, write_side_files
+from tests.conftest import CHAIN
 from tests.test_light_transport import COLOUR, DESCRIBED, LAMP, SIZE, SUN, WINDOW, chain, reference_rays, run
 
 POINT = np.array(DESCRIBED["point"]["position"]["point"])
@@ -101,11 +102,15 @@ def within_bounds(errors):
     return all(median <= 0.01 and p99 <= 0.03 for median, p99 in errors.values())
 
 
+#: Of what a person asks for who asks for nothing.
+NORMAL = {"quality": "normal"}
+
+
 @pytest.mark.parametrize("kind, detail, steps", [("point", 3, {}), ("area", 2, {"steps": 120})])
 def test_lamps_against_dense_integration(tmp_path, kind, detail, steps):
     """The area lamp's 25 sub-lights take a quarter as long in fog of half the detail."""
     fog = {**FOG, "detail": detail}
-    build = chain(tmp_path, {kind: DESCRIBED[kind]}, fog=fog)
+    build = chain(tmp_path, {kind: DESCRIBED[kind]}, fog=fog, render=NORMAL)
     errors = relative_errors(build, Noise.model_validate(fog), kind, 120, **steps)
     assert within_bounds(errors), errors
 
@@ -113,7 +118,7 @@ def test_lamps_against_dense_integration(tmp_path, kind, detail, steps):
 def test_wisps_that_lie_on_the_floor(tmp_path):
     fog = {**FOG, "visibility": 6.0, "patchiness": 1.0, "scale": 2.0, "scale_height": 0.8, "top_height": 2.0,
            "wind": [0.3, 0, -0.2], "time": 4.0}
-    build = chain(tmp_path, {"point": DESCRIBED["point"]}, fog=fog)
+    build = chain(tmp_path, {"point": DESCRIBED["point"]}, fog=fog, render=NORMAL)
     errors = relative_errors(build, Noise.model_validate(fog), "point", 120)
     assert within_bounds(errors), errors
 
@@ -145,7 +150,7 @@ def shaft_errors(build, medium, count):
 
 def test_shaft_of_sunlight_against_dense_integration(tmp_path):
     """The shaft's light paths are functions in POV-Ray's text; its edges are exact, hence 3 % here, too."""
-    build = chain(tmp_path, {"sun": DESCRIBED["sun"]}, fog=FOG)
+    build = chain(tmp_path, {"sun": DESCRIBED["sun"]}, fog=FOG, render=NORMAL)
     errors = shaft_errors(build, Noise.model_validate(FOG), 400)
     assert within_bounds(errors), errors
 
@@ -259,7 +264,7 @@ def test_povray_reads_the_same_density(tmp_path, settings, lower, upper):
 
 
 def test_side_files_follow_the_fog(tmp_path):
-    build = chain(tmp_path, {"point": DESCRIBED["point"]}, fog={**FOG, "detail": 1})
+    build = chain(tmp_path, {"point": DESCRIBED["point"]}, fog={**FOG, "detail": 1}, render={"quality": "draft"})
 
     def files():
         return sorted(path.name for path in build.pov.glob("*.df3"))
@@ -278,7 +283,8 @@ def test_side_files_follow_the_fog(tmp_path):
 
 
 def test_the_plan_says_how_finely(tmp_path):
-    build = chain(tmp_path, {"area": {**DESCRIBED["area"], "sub_lights": 3}}, fog={**FOG, "detail": 1})
+    build = chain(tmp_path, {"area": {**DESCRIBED["area"], "sub_lights": 3}}, fog={**FOG, "detail": 1},
+                  stages=CHAIN[:CHAIN.index("plan") + 1])
     plan = {one["id"]: one["samples"] for one in json.loads(build.plan.read_text())["runs"]}
     run(build, "fog.detail=5", stages=("resolve", "plan"))
     fine = json.loads(build.plan.read_text())

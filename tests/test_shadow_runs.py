@@ -22,7 +22,7 @@ def planned(build) -> set[str]:
 
 @pytest.mark.parametrize("fog", [None, HEIGHT], ids=["homogeneous", "height"])
 def test_one_render_in_two_colours_is_both(tmp_path, monkeypatch, fog):
-    more = {"fog": fog} if fog else {}
+    more = {"render": {"quality": "draft"}, **({"fog": fog} if fog else {})}
     one = chain(tmp_path / "one", {"area": DESCRIBED["area"]}, box=True, **more)
     monkeypatch.setattr(plan, "surfaces_are_ours", lambda templates, scene: False)
     two = chain(tmp_path / "two", {"area": DESCRIBED["area"]}, box=True, **more)

@@ -93,7 +93,7 @@ class Templates:
             raise InputError(f"template of {path.stat().st_size} bytes", place=str(path),
                              remedy=f"keep it below {MAX_TEMPLATE_BYTES} bytes; {FIXED}")
         # the marker lets an error of POV-Ray be traced back to the template
-        return f"// ---- {_shown(path)}\n" + path.read_text(encoding="utf-8"), str(path), lambda: False
+        return f"// ---- {_shown(path)}\n" + path.read_text(encoding="utf-8"), str(path), lambda: True
 
     def render(self, name: str, context: dict[str, Any]) -> str:
         """The template's text; a mistake in it is one line with file and line."""

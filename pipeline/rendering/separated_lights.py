@@ -27,6 +27,9 @@ from pipeline.scene.placed import PlacedScene
 
 #: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
 ALBEDO_RANGE = (0.05, 0.95)
+#: Rays that gather bounced light, in the last round and in those before, of which only albedos go on. Four times as
+#: many take four times as long and change no strength in bathroom by more than 3 %.
+RAYS, ROUGH_RAYS = 60, 30
 
 
 def separated(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates
@@ -114,9 +117,10 @@ def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, alb
              surface: np.ndarray, settings, templates: Templates) -> np.ndarray:
     """Irradiance/pi (L, h, w, 3) of each light at unit strength, interreflection included."""
     listed = [albedos[i].tolist() for i in range(len(albedos))]
+    rays = RAYS if turn == settings.rounds - 1 else ROUGH_RAYS
     of_face = np.array([*listed, [1.0, 1.0, 1.0]])[surface]
     runs = [Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
-                irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": 120})
+                irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": rays})
             for light in lights]
     jobs = [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
     limits = _limits(build)
