@@ -271,7 +271,7 @@ calibrate: $(READY) | povray
 	$(run) calibrate
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench bench-record bench-lamps photos photograph schema plugins digests clean help
+.PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size photos photograph schema plugins digests clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -286,6 +286,9 @@ validation: setup
 
 bench bench-record: setup
 	@$(PY) -m tests.benchmarks --folder $(BUILD)/bench --repeats $(repeats) $(if $(filter bench-record,$@),--record)
+
+bench-full-size: setup
+	@$(PY) -m tests.benchmarks.full_size
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -333,6 +336,7 @@ help:
 	@echo "  make bench               seconds and errors of maps and fogs, beside Mitsuba 3's where it is installed, into build/bench/bench.md"
 	@echo "  make bench-record        the same, kept in tests/benchmarks/results.md and history.csv"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
+	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"

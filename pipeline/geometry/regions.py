@@ -16,6 +16,7 @@ from scipy import ndimage
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane
+from pipeline.side_by_side import side_by_side
 
 #: A wall reaches so many times as far as the farthest point of its foot, and a thing as the point where it stands.
 FARTHEST_BEYOND_FOOT = 2.0
@@ -174,12 +175,13 @@ def depth_of_regions(camera: Camera, regions: Sequence[Region], sky_depth: float
     placed = placing.all()
     depth = np.empty(labels.shape)
     for region in placed:
-        above = 0
-        for where in _blocks(region):
+        def found(where: tuple[np.ndarray, np.ndarray]) -> int:
             directions = camera.directions(np.stack([where[1], where[0]], -1) + 0.5)
             part = depth_along(camera, region, directions, where, sky_depth, known)
             depth[where] = np.clip(part, 1e-3, sky_depth)
-            above += np.count_nonzero(directions[:, 1] >= 0)
+            return np.count_nonzero(directions[:, 1] >= 0)
+
+        above = sum(side_by_side(found, _blocks(region)))
         if not region.mask.any():
             placing.messages.append(f"region {region.name} is hidden by later ones, or outside the photograph")
         elif region.kind == "support" and region.near is None and above > MOST_UNCOVERED * region.mask.sum():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,13 +35,23 @@ def strips(width: int, height: int) -> Iterator[tuple[int, int]]:
 
 
 class MapWriter:
-    """An EXR that is being written from top to bottom; see `writing`."""
+    """An EXR that is being written from top to bottom, in a thread of its own; see `writing`."""
 
-    def __init__(self, output: oiio.ImageOutput, path: Path, channels: int):
+    def __init__(self, output: oiio.ImageOutput, path: Path, channels: int, thread: ThreadPoolExecutor):
         self.output, self.path, self.channels, self.row = output, path, channels, 0
+        self.thread, self.writing = thread, None
 
     def add(self, values: np.ndarray) -> None:
-        """The next rows, (n, W) or (n, W, channels)."""
+        """The next rows, (n, W) or (n, W, channels), which may not change any more. Raises what the rows before met."""
+        self.finish()
+        self.writing = self.thread.submit(self._write, values)
+
+    def finish(self) -> None:
+        """Waits for the rows that were given. Raises InputError where they cannot be written."""
+        if self.writing is not None:
+            self.writing.result()
+
+    def _write(self, values: np.ndarray) -> None:
         values = np.ascontiguousarray(values, np.float32).reshape(len(values), -1, self.channels)
         if not self.output.write_scanlines(self.row, self.row + len(values), 0, values):
             raise write_error(self.path, values.nbytes, self.output.geterror())
@@ -49,11 +60,14 @@ class MapWriter:
 
 @contextmanager
 def writing(path: str | os.PathLike, width: int, height: int, channels: int, metadata: Metadata = {}, *,
-            half: bool = False, is_depth: bool = False) -> Iterator[MapWriter]:
-    """Writes a map as `maps.write_map` does, but by its rows. Nothing is left behind of what does not become whole."""
+            half: bool = False, is_depth: bool = False, patchy: bool = False) -> Iterator[MapWriter]:
+    """Writes a map as `maps.write_map` does, but by its rows. Nothing is left behind of what does not become whole.
+
+    patchy: of large parts that are one value, which run lengths hold as well as zip does, in 2/3 of the time.
+    """
     spec = oiio.ImageSpec(width, height, channels, "half" if half else "float")
     spec.channelnames = ("R", "G", "B") if channels == 3 else ("Z",) if is_depth else ("Y",)
-    spec.attribute("compression", "zip:1")
+    spec.attribute("compression", "rle" if patchy else "zip:1")
     spec.attribute("DateTime", "1970:01:01 00:00:00")
     for name, value in metadata.items():
         set_attribute(spec, name, value)
@@ -63,7 +77,10 @@ def writing(path: str | os.PathLike, width: int, height: int, channels: int, met
             raise write_error(partial, 0, output.geterror())
         closed = False
         try:
-            yield MapWriter(output, partial, channels)
+            with ThreadPoolExecutor(1) as thread:
+                writer = MapWriter(output, partial, channels, thread)
+                yield writer
+                writer.finish()
             closed = True
         finally:
             closed = output.close() and closed

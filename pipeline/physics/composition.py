@@ -57,6 +57,8 @@ def burnt_out(clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.
 def restored(radiance: np.ndarray, clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.ndarray]
              ) -> np.ndarray:
     """`radiance` (H, W, 3), of which burnt-out lamps take their strength, in place."""
+    if not strengths:
+        return radiance
     near_white = clipped | (radiance.min(-1) > NEAR_WHITE)
     for index, strength in strengths.items():
         shown = (emitter == index) & near_white

@@ -33,8 +33,14 @@ _PIXELS = 200_000
 
 def eye_path(extinction: np.ndarray, density: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """exp(-tau) and 1 - exp(-tau), (..., 3), of rays of a mean density (...) and depth (...) [m]."""
-    tau = (density * depth)[..., None] * np.asarray(extinction, np.float32)
-    return np.exp(-tau), -np.expm1(-tau)
+    tau = (density * depth)[..., None].astype(np.float32, copy=False) * np.asarray(extinction, np.float32)
+    eye = np.exp(-tau)
+    # as expm1 would, to 1e-6, in a quarter of its time
+    filled = 1 - eye
+    thin = tau < 0.05
+    if thin.any():
+        filled = np.where(thin, tau * (1 - tau / 2 * (1 - tau / 3 * (1 - tau / 4))), filled)
+    return eye, filled
 
 
 def centres(size: tuple[int, int], small: tuple[int, int]) -> list[np.ndarray]:
@@ -44,19 +50,14 @@ def centres(size: tuple[int, int], small: tuple[int, int]) -> list[np.ndarray]:
 
 
 def bilinear(values: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """An image (h, w, c) at rows y (n,), as of `centres`, and at `width` columns."""
+    """An image (h, w, c) of at most four channels at rows y (n,), as of `centres`, and at `width` columns."""
     y = np.clip(y, 0, len(values) - 1)
     y0 = np.floor(y).astype(np.int32)
     down = (y - y0)[:, None, None]
     rows = values[y0] * (1 - down) + values[np.minimum(y0 + 1, len(values) - 1)] * down
     if rows.shape[1] == width:
         return rows
-    result = np.empty((len(y), width, values.shape[2]), np.float32)
-    for k in range(0, values.shape[2], 4):
-        part = np.ascontiguousarray(rows[..., k:k + 4])
-        result[..., k:k + 4] = cv2.resize(part, (width, len(y)), interpolation=cv2.INTER_LINEAR).reshape(
-            len(y), width, -1)
-    return result
+    return cv2.resize(rows, (width, len(y)), interpolation=cv2.INTER_LINEAR).reshape(len(y), width, -1)
 
 
 def _cells(key: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -79,6 +80,11 @@ def layer_values(extinction: np.ndarray, depth: np.ndarray, density: np.ndarray,
     with np.errstate(divide="ignore", invalid="ignore"):
         on_the_way = np.where(eye > 1e-30, np.clip(transmittance / eye, 0, 1), 1)
     return np.concatenate([density[..., None], on_the_way, filled, *lights], -1, dtype=np.float32)
+
+
+def _planes(values: np.ndarray) -> list[np.ndarray]:
+    """`Small.values` (..., n) by what they are: mean density (..., 1), and all else (..., 3)."""
+    return [np.ascontiguousarray(values[..., max(first, 0):first + 3]) for first in range(-2, values.shape[-1], 3)]
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,7 @@ class Enlarging:
         rows, columns = small.depth.shape
         self.y, self.x = centres(size, small.depth.shape)
         self.cell = _cells(small.key, small.depth)
+        self.planes = _planes(small.values)
         self.flat = small.values.reshape(rows * columns, -1)
         self.flat_depth, self.flat_key = small.depth.ravel(), small.key.ravel()
         if small.mixed is not None and small.mixed.any():
@@ -123,27 +130,29 @@ class Enlarging:
             self.cell_behind = _cells(np.where(small.mixed, UNKNOWN, UNKNOWN - 1), small.behind_depth)
             self.where_behind = np.zeros(rows * columns, np.int32)
             self.where_behind[at] = rows * columns + np.arange(len(at))
+            self.planes_behind = _planes(small.behind)
             self.flat = np.concatenate([self.flat, small.behind.reshape(rows * columns, -1)[at]])
             self.flat_depth = np.concatenate([self.flat_depth, small.behind_depth.ravel()[at].astype(np.float32)])
             self.flat_key = np.concatenate([self.flat_key, np.full(len(at), UNKNOWN, np.int32)])
         else:
             self.where_behind = None
 
-    def rows(self, top: int, bottom: int, pixels: Pixels) -> np.ndarray:
-        """T and V of each light, one after the other (n, W, 3 + 3 L) float32, as if each pixel showed one thing."""
+    def rows(self, top: int, bottom: int, pixels: Pixels) -> list[np.ndarray]:
+        """T and V of each light (n, W, 3) float32, as if each pixel showed one thing."""
         y0, x0 = self._before(top, bottom)
         plain = self.cell[y0][:, x0] == pixels.key
         unknown = pixels.key == UNKNOWN
         if unknown.any():
             plain &= ~unknown | _near(pixels.depth, self.small.depth[y0][:, x0])
-        values = bilinear(self.small.values, self.y[top:bottom], self.size[1])
+        values = [bilinear(plane, self.y[top:bottom], self.size[1]) for plane in self.planes]
         at = np.nonzero(~plain)
-        values[at] = self._gathered(top + at[0], at[1], pixels.depth[at], pixels.key[at])
+        for plane, of in zip(values, _planes(self._gathered(top + at[0], at[1], pixels.depth[at], pixels.key[at]))):
+            plane[at] = of
         return self._finished(values, pixels.depth, pixels.bare)
 
     def behind(self, top: int, bottom: int, where: tuple[np.ndarray, np.ndarray], depth: np.ndarray, bare: np.ndarray
-               ) -> np.ndarray:
-        """The same (k, 3 + 3 L) behind what is in front at pixels `where` (rows, columns) of these rows, up to depth (k,)."""
+               ) -> list[np.ndarray]:
+        """The same (k, 3) behind what is in front at pixels `where` (rows, columns) of these rows, up to depth (k,)."""
         rows, columns = where
         unknown = np.full(len(rows), UNKNOWN, np.int32)
         if self.where_behind is None:
@@ -152,10 +161,11 @@ class Enlarging:
             y0, x0 = self._before(top, bottom)
             y0, x0 = y0[rows], x0[columns]
             plain = (self.cell_behind[y0, x0] == UNKNOWN) & _near(depth, self.small.behind_depth[y0, x0])
-            values = bilinear(self.small.behind, self.y[top:bottom], self.size[1])[where]
+            values = np.concatenate([bilinear(plane, self.y[top:bottom], self.size[1])[where]
+                                     for plane in self.planes_behind], -1)
             at = np.flatnonzero(~plain)
             values[at] = self._gathered(top + rows[at], columns[at], depth[at], unknown[at])
-        return self._finished(values, depth, bare)
+        return self._finished(_planes(values), depth, bare)
 
     def _before(self, top: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows (n,) and columns (W,) of the first of the four small pixels round each pixel."""
@@ -207,13 +217,15 @@ class Enlarging:
         total[at] += weight[:, None] * self.flat[index]
         weights[at] += weight
 
-    def _finished(self, values: np.ndarray, depth: np.ndarray, bare: np.ndarray) -> np.ndarray:
+    def _finished(self, values: list[np.ndarray], depth: np.ndarray, bare: np.ndarray) -> list[np.ndarray]:
         """T and V of each light at these depths (...) [m]."""
-        eye, filled = eye_path(self.extinction, values[..., 0], depth)
-        result = np.empty((*depth.shape, values.shape[-1] - 4), np.float32)
-        result[..., :3] = eye * np.where(bare[..., None], 1, values[..., 1:4])
-        known = values[..., 4:7] > 1e-35
-        share = np.where(known, filled / np.where(known, values[..., 4:7], 1), 0)
-        for k in range(7, values.shape[-1], 3):
-            result[..., k - 4:k - 1] = values[..., k:k + 3] * share
-        return result
+        density, on_the_way, known, *lights = values
+        eye, filled = eye_path(self.extinction, density[..., 0], depth)
+        on_the_way[bare] = 1
+        eye *= on_the_way
+        some = known > 1e-35
+        filled = np.divide(filled, known, out=filled, where=some)
+        filled[~some] = 0
+        for light in lights:
+            light *= filled
+        return [eye, *lights]

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.imaging.map_strips import MapReader, fits_half, strips, writing
 from pipeline.imaging.maps import Metadata, read_map, write_map
+from pipeline.side_by_side import side_by_side
 from pipeline.paths import Build
 from pipeline.physics.enlarging import UNKNOWN, Enlarging, Pixels, Small, layer_values
 from pipeline.physics.layers import mixed_transmittance
@@ -67,6 +68,14 @@ def enlarged(build: Build, lights: list[str], metadata: Metadata) -> Iterator[tu
         small, brightest = source.small(group)
         enlarging, rows = Enlarging(small, (height, width), source.extinction), _Rows(build, source)
         last = group is groups[-1]
+
+        def worked_out(strip: tuple[int, int]):
+            pixels, emitter, edges = rows.read(*strip)
+            values = enlarging.rows(*strip, pixels)
+            if edges is not None:
+                _mix(values, enlarging, strip, pixels, *edges)
+            return strip, values, emitter
+
         with ExitStack() as stack:
             writers = [writer(stack, build.in_scattering(light), f"in-scattering V of {light}", BRIGHTER * most)
                        for light, most in zip(group, brightest)]
@@ -74,33 +83,28 @@ def enlarged(build: Build, lights: list[str], metadata: Metadata) -> Iterator[tu
                 greatest = BRIGHTER * float(read_map(working.in_scattering()).max())
                 whole = writer(stack, build.in_scattering(), "in-scattering map V", greatest)
                 through = writer(stack, build.transmittance, "transmittance map T", 1.0)
-            for top, bottom in strips(width, height):
-                pixels, emitter, edges = rows.read(top, bottom)
-                values = enlarging.rows(top, bottom, pixels)
-                if edges is not None:
-                    _mix(values, enlarging, (top, bottom), pixels, *edges)
+            for (top, bottom), values, emitter in side_by_side(worked_out, strips(width, height)):
                 scattered = np.zeros((bottom - top, width, 3), np.float32) if total is None else total[top:bottom]
-                for k, one in enumerate(writers, 1):
-                    light = values[..., 3 * k:3 * k + 3]
+                for one, light in zip(writers, values[1:]):
                     one.add(light)
                     scattered += light
                 if last:
-                    through.add(values[..., :3])
+                    through.add(values[0])
                     whole.add(scattered)
-                    yield top, bottom, values[..., :3], scattered, emitter
+                    yield top, bottom, values[0], scattered, emitter
 
 
-def _mix(values: np.ndarray, enlarging: Enlarging, rows: tuple[int, int], pixels: Pixels, alpha, behind_depth, front, behind
+def _mix(values: list[np.ndarray], enlarging: Enlarging, rows: tuple[int, int], pixels: Pixels, alpha, behind_depth, front, behind
          ) -> None:
-    """Adds what is behind to values (n, W, c), where a share alpha (n, W) of a pixel is in front."""
+    """Adds what is behind to T and V of each light (n, W, 3), where a share alpha (n, W) of a pixel is in front."""
     where = np.nonzero((alpha < 1) & (behind_depth != pixels.depth))
     if not len(where[0]):
         return
     farther = enlarging.behind(*rows, where, behind_depth[where], pixels.bare[where])
-    share, near = alpha[where], values[where]
-    mixed = share[:, None] * near + (1 - share[:, None]) * farther
-    mixed[:, :3] = mixed_transmittance(share, front[where], behind[where], near[:, :3], farther[:, :3])
-    values[where] = mixed
+    share, (through, *lights), (through_farther, *lights_farther) = alpha[where], values, farther
+    through[where] = mixed_transmittance(share, front[where], behind[where], through[where], through_farther)
+    for light, beyond in zip(lights, lights_farther):
+        light[where] = share[:, None] * light[where] + (1 - share[:, None]) * beyond
 
 
 class _Working:

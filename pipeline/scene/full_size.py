@@ -14,6 +14,7 @@ from pipeline.imaging.enlarged_edges import EnlargedEdges
 from pipeline.imaging.glare import Glare, glare
 from pipeline.imaging.map_strips import fits_half, strips, writing
 from pipeline.imaging.maps import read_map
+from pipeline.side_by_side import side_by_side
 from pipeline.paths import Build
 from pipeline.scene.artefacts import EDGE_COLOURS, EDGES, SURFACES, THIN
 from pipeline.scene.outdoors import Outdoors
@@ -29,9 +30,11 @@ def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None,
     camera = view.camera
     size = camera.width, camera.height
     if open_air is None:
-        found = ((*view.rows(*rows), -1) for rows in strips(*size))
-        return _write(build, size, ((np.where(np.isfinite(depth), depth, farthest), *rest) for depth, *rest in found),
-                      sum(len(shape.faces()) for shape in view.shapes.values()))
+        def seen(rows: tuple[int, int]):
+            depth, *surface = view.rows(*rows)
+            return np.where(np.isfinite(depth), depth, farthest), *surface, -1
+
+        return _write(build, size, side_by_side(seen, strips(*size)), sum(len(shape.faces()) for shape in view.shapes.values()))
     full, open_air.full = open_air.full, None
     depth, face, emitter, region = _joined(view, open_air, full)
     photograph = read_map(build.photograph, depth.shape)
@@ -44,15 +47,15 @@ def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None,
     radius = open_air.section.refine.radius
     if radius > FEWEST:
         found = EnlargedEdges(open_air.layers, open_air.photograph, depth.shape)
-        layers = (found.rows(a, b, photograph[a:b]) for a, b in strips(*size))
+        layers = side_by_side(lambda rows: found.rows(*rows, photograph[slice(*rows)]), strips(*size))
     else:
         found = refined(photograph, full.labels, full.depth, open_air.porous(full), radius, mixed_only=True)
         layers = (EdgeLayers(*(values[a:b] for values in vars(found).values())) for a, b in strips(*size))
     # a lamp's light is of a layer that covers next to nothing, and too bright for half floats
     half = not lit.any() and fits_half(float(photograph.max()))
-    with writing(build.edges, *size, 3, EDGES) as edges, \
-            writing(build.edge_colours("front"), *size, 3, EDGE_COLOURS["front"], half=half) as front, \
-            writing(build.edge_colours("behind"), *size, 3, EDGE_COLOURS["behind"], half=half) as behind:
+    with writing(build.edges, *size, 3, EDGES, patchy=True) as edges, \
+            writing(build.edge_colours("front"), *size, 3, EDGE_COLOURS["front"], half=half, patchy=True) as front, \
+            writing(build.edge_colours("behind"), *size, 3, EDGE_COLOURS["behind"], half=half, patchy=True) as behind:
         for (a, b), layer in zip(strips(*size), layers):
             hidden = own[a:b]
             layer.alpha[hidden], layer.front_depth[hidden], layer.behind_depth[hidden] = 1, 0, 0
@@ -97,7 +100,7 @@ def _add_glare(layers: EdgeLayers, lamps: Glare, depth: np.ndarray, photograph: 
 
 def _write(build: Build, size: tuple[int, int], found, faces: int) -> None:
     with writing(build.depth, *size, 1, {"fog:content": "radial depth", "fog:unit": "m"}, is_depth=True) as depths, \
-            writing(build.surfaces, *size, 3, SURFACES, half=faces < MOST_IN_HALF) as surfaces:
+            writing(build.surfaces, *size, 3, SURFACES, half=faces < MOST_IN_HALF, patchy=True) as surfaces:
         for depth, face, emitter, region in found:
             depths.add(depth)
             surfaces.add(np.stack(np.broadcast_arrays(face, emitter, region), -1))

@@ -48,9 +48,10 @@ def run(build: Build) -> None:
         foggy = foggy.astype(np.float32)
     if photograph.suffix != ".exr":
         _write_linear(build, foggy, photograph, metadata, reduced)
-    if photograph.suffix != ".png":
-        photographs.write(build.foggy(photograph.suffix), foggy, photograph, metadata)
-    photographs.write_png(build.foggy(".png"), foggy, photograph)
+    if photograph.suffix == ".png":
+        photographs.write_png(build.foggy(".png"), foggy, photograph)
+    else:
+        photographs.write_with_png(build.foggy(photograph.suffix), build.foggy(".png"), foggy, photograph, metadata)
 
 
 def _lamps(build: Build) -> dict[int, np.ndarray]:
@@ -72,7 +73,9 @@ def _by_strips(build: Build, photograph: photographs.Photograph, strips: Iterato
     foggy = np.empty(photograph.radiance.shape, np.float32)
     for top, bottom, transmittance, in_scattering, emitter in strips:
         part = np.s_[top:bottom]
-        radiance = restored(photograph.radiance[part].copy(), photograph.clipped[part], emitter, shown)
+        radiance = photograph.radiance[part]
+        if shown:
+            radiance = restored(radiance.copy(), photograph.clipped[part], emitter, shown)
         foggy[part] = composite(radiance, transmittance, in_scattering)
     return foggy
 
