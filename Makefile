@@ -175,6 +175,8 @@ setup-figures: $(READY)
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
+# images of a photograph larger than its working size have that size in this folder
+W := $(shell [[ -f $(S)/photograph.json && "$$(< $(S)/photograph.json)" == *working_width_pixel* ]] && echo working/)
 # whose make it is that works in the folder: one that was started by a make works for that one
 owner = FOG_MAKE=$${FOG_MAKE:-$$PPID}
 run = @$(owner) $(PY) -m pipeline
@@ -203,19 +205,20 @@ ifeq ($(dry_run),)
 $(SHARED_INPUTS) $(FOG_INPUTS): resolve ;
 endif
 
-$(S)/photograph.json: $(call beside,$(S)/photograph.exr $(S)/clipped.exr) $(S)/inputs/photograph.json \
-  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py pipeline/imaging/display_window.py $(call code,photograph)
+$(S)/photograph.json: $(call beside,$(foreach f,photograph clipped,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/inputs/photograph.json \
+  $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py pipeline/imaging/display_window.py pipeline/imaging/map_strips.py $(call code,photograph)
 	$(run) photograph
 $(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
 	$(run) camera
-$(S)/geometry.json: $(call beside,$(S)/depth.exr $(S)/surfaces.exr) $(S)/camera.json \
+$(S)/geometry.json: $(call beside,$(foreach f,depth surfaces,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/camera.json \
   $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
+  pipeline/scene/full_size.py pipeline/imaging/map_strips.py \
   $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/display_window.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
-$(S)/illumination.json: $(call beside,$(S)/albedo.exr $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
+$(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
@@ -230,11 +233,12 @@ $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
 $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(wildcard $(O)/pov/*.pov))) \
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(run) render
-$(O)/maps.json: $(call beside,$(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
-  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py) pipeline/planning/accuracy.py) \
+$(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
+  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
 	$(run) decompose
-$(O)/foggy.png: $(call beside,$(O)/foggy.exr) $(O)/maps.json $(S)/photograph.json pipeline/physics/composition.py \
+$(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json \
+  $(addprefix pipeline/,physics/composition.py physics/enlarging.py rendering/enlarged.py imaging/map_strips.py) \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,composite)
 	$(run) composite
 $(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.png $(S)/inputs/templates.json templates/report.html \
@@ -267,7 +271,7 @@ calibrate: $(READY) | povray
 	$(run) calibrate
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench bench-record bench-lamps photos photograph schema plugins digests clean help
+.PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size photos photograph schema plugins digests clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -282,6 +286,9 @@ validation: setup
 
 bench bench-record: setup
 	@$(PY) -m tests.benchmarks --folder $(BUILD)/bench --repeats $(repeats) $(if $(filter bench-record,$@),--record)
+
+bench-full-size: setup
+	@$(PY) -m tests.benchmarks.full_size
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -329,6 +336,7 @@ help:
 	@echo "  make bench               seconds and errors of maps and fogs, beside Mitsuba 3's where it is installed, into build/bench/bench.md"
 	@echo "  make bench-record        the same, kept in tests/benchmarks/results.md and history.csv"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
+	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"

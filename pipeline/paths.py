@@ -1,13 +1,14 @@
 """Every file name of the project stands here.
 
 build/SCENE/ holds what belongs to the photograph (camera, geometry, light) and the results of the scene's
-default fog; build/SCENE/FOG/ holds the results of the fog called FOG.
+default fog; build/SCENE/FOG/ holds the results of the fog called FOG. Of a photograph larger than its working size,
+images of that size lie in working/ below these folders, under the names of the full-size ones.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -19,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -33,12 +34,16 @@ def checked_name(name: str, what: str) -> str:
 
 @dataclass(frozen=True)
 class Build:
-    """Names of all files of one scene and one fog. `fog` is None for the scene's default fog."""
+    """Names of all files of one scene and one fog. `fog` is None for the scene's default fog.
+
+    reduced: images are those of the working size, which only large photographs have.
+    """
 
     scene: str
     fog: str | None = None
     scenes: Path = Path("scenes")
     builds: Path = Path("build")
+    reduced: bool = False
 
     def __post_init__(self):
         checked_name(self.scene, "scene")
@@ -61,6 +66,21 @@ class Build:
     def out(self) -> Path:
         return self.shared / self.fog if self.fog else self.shared
 
+    @property
+    def full(self) -> Build:
+        """The same, but images are those of the photograph's size."""
+        return replace(self, reduced=False)
+
+    @property
+    def images(self) -> Path:
+        """Images of the photograph."""
+        return self.shared / "working" if self.reduced else self.shared
+
+    @property
+    def fog_images(self) -> Path:
+        """Maps of one fog."""
+        return self.out / "working" if self.reduced else self.out
+
     def input(self, part: str) -> Path:
         """One resolved part of the scene file; a part that did not change keeps its time stamp."""
         folder = self.out if part in ("fog", "fog_files", "render", "gains") else self.shared
@@ -74,7 +94,11 @@ class Build:
     # of the photograph
     @property
     def photograph(self) -> Path:
-        return self.shared / "photograph.exr"
+        return self.images / "photograph.exr"
+
+    @property
+    def clipped(self) -> Path:
+        return self.images / "clipped.exr"
 
     @property
     def photograph_facts(self) -> Path:
@@ -90,19 +114,19 @@ class Build:
 
     @property
     def depth(self) -> Path:
-        return self.shared / "depth.exr"
+        return self.images / "depth.exr"
 
     @property
     def surfaces(self) -> Path:
-        return self.shared / "surfaces.exr"
+        return self.images / "surfaces.exr"
 
     @property
     def edges(self) -> Path:
-        return self.shared / "edges.exr"
+        return self.images / "edges.exr"
 
     def edge_colours(self, side: str) -> Path:
         """Radiance of the front layer or behind it, at pixels that show two things at once."""
-        return self.shared / f"edges_{side}.exr"
+        return self.images / f"edges_{side}.exr"
 
     @property
     def sun_direction(self) -> Path:
@@ -114,7 +138,7 @@ class Build:
 
     @property
     def albedo(self) -> Path:
-        return self.shared / "albedo.exr"
+        return self.images / "albedo.exr"
 
     @property
     def overlay(self) -> Path:
@@ -149,10 +173,19 @@ class Build:
 
     @property
     def transmittance(self) -> Path:
-        return self.out / "transmittance.exr"
+        return self.fog_images / "transmittance.exr"
 
     def in_scattering(self, light: str | None = None) -> Path:
-        return self.out / (f"in_scattering_{light}.exr" if light else "in_scattering.exr")
+        return self.fog_images / (f"in_scattering_{light}.exr" if light else "in_scattering.exr")
+
+    def behind(self, path: Path) -> Path:
+        """The same map behind what is in front, of the working size, where a pixel shows two things at once."""
+        return path.with_name(f"behind_{path.name}")
+
+    @property
+    def mean_density(self) -> Path:
+        """Mean density of the fog along each ray, of the working size."""
+        return self.out / "working" / "mean_density.exr"
 
     @property
     def maps(self) -> Path:

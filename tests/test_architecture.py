@@ -17,7 +17,7 @@ MOST_LINES = 450
 
 #: What computes, and what else of the project it may know. None of these reads or writes anything.
 PURE = {"pipeline.physics": {"pipeline.physics", "pipeline.geometry", "pipeline.errors"},
-        "pipeline.geometry": {"pipeline.geometry", "pipeline.errors"},
+        "pipeline.geometry": {"pipeline.geometry", "pipeline.errors", "pipeline.side_by_side"},
         "pipeline.estimation": {"pipeline.estimation", "pipeline.physics", "pipeline.geometry",
                                 "pipeline.errors"}}
 #: Libraries that compute; json turns text into values, and cv2 is watched for its file functions below.

@@ -16,6 +16,7 @@ from scipy import ndimage
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane
+from pipeline.side_by_side import side_by_side
 
 #: A wall reaches so many times as far as the farthest point of its foot, and a thing as the point where it stands.
 FARTHEST_BEYOND_FOOT = 2.0
@@ -169,19 +170,18 @@ def depth_of_regions(camera: Camera, regions: Sequence[Region], sky_depth: float
                 labels[part] = len(regions)
                 regions.append(Region(name, kind, *cut(part)))
     known = _closed(labels, known)
-    seen = [replace(region, mask=labels[box] == index, at=box) if box else
-            replace(region, mask=np.zeros((0, 0), bool), at=np.s_[0:0, 0:0])
-            for index, (region, box) in enumerate(zip(regions, ndimage.find_objects(labels + 1, len(regions))))]
+    seen = _as_seen(regions, labels)
     placing = _Placing(camera, regions, seen, labels)
     placed = placing.all()
     depth = np.empty(labels.shape)
     for region in placed:
-        above = 0
-        for where in _blocks(region):
+        def found(where: tuple[np.ndarray, np.ndarray]) -> int:
             directions = camera.directions(np.stack([where[1], where[0]], -1) + 0.5)
             part = depth_along(camera, region, directions, where, sky_depth, known)
             depth[where] = np.clip(part, 1e-3, sky_depth)
-            above += np.count_nonzero(directions[:, 1] >= 0)
+            return np.count_nonzero(directions[:, 1] >= 0)
+
+        above = sum(side_by_side(found, _blocks(region)))
         if not region.mask.any():
             placing.messages.append(f"region {region.name} is hidden by later ones, or outside the photograph")
         elif region.kind == "support" and region.near is None and above > MOST_UNCOVERED * region.mask.sum():
@@ -189,6 +189,27 @@ def depth_of_regions(camera: Camera, regions: Sequence[Region], sky_depth: float
             placing.messages.append(f"region {region.name}: {share:.0%} of it lies above the horizon, as far as the"
                                     " sky; give it 'near' and 'far', or correct the horizon")
     return RegionDepth(labels, depth, placed, placing.messages)
+
+
+def _as_seen(regions: Sequence[Region], labels: np.ndarray) -> list[Region]:
+    """Regions with the pixels that `labels` (H, W) shows of them."""
+    return [replace(region, mask=labels[box] == index, at=box) if box else
+            replace(region, mask=np.zeros((0, 0), bool), at=np.s_[0:0, 0:0])
+            for index, (region, box) in enumerate(zip(regions, ndimage.find_objects(labels + 1, len(regions))))]
+
+
+def at_smaller_size(found: RegionDepth, camera: Camera, sky_depth: float) -> RegionDepth:
+    """The same regions, where they are, as a camera of the same view sees them in fewer pixels."""
+    rows, columns = (((np.arange(few) + 0.5) * many / few).astype(int) for few, many in
+                     zip((camera.height, camera.width), found.labels.shape))
+    labels = found.labels[np.ix_(rows, columns)]
+    placed, depth = _as_seen(found.regions, labels), np.empty(labels.shape)
+    for region in placed:
+        for where in _blocks(region):
+            directions = camera.directions(np.stack([where[1], where[0]], -1) + 0.5)
+            in_full = rows[where[0]], columns[where[1]]
+            depth[where] = np.clip(depth_along(camera, region, directions, in_full, sky_depth, found.depth), 1e-3, sky_depth)
+    return RegionDepth(labels, depth, tuple(placed), found.messages)
 
 
 def _blocks(region: Region) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -19,23 +19,32 @@ def visible(camera: Camera, shapes: dict, lights: dict
     shapes, lights: placed plugins by name; a shape's `intersect` and a light's `emitting_polygon` are asked.
     """
     size = (camera.height, camera.width)
+    depth, face, emitter = np.empty(size), np.empty(size, int), np.empty(size, int)
+    rows = max(1, int(2e6) // camera.width)
+    for top in range(0, camera.height, rows):
+        part = np.s_[top : top + rows]
+        u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(*part.indices(camera.height)) + 0.5)
+        depth[part], face[part], emitter[part] = seen_along(
+            camera.position, camera.directions(np.stack([u, v], -1)), shapes, lights)
+    return depth, face, emitter
+
+
+def seen_along(eye: np.ndarray, directions: np.ndarray, shapes: dict, lights: dict
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of any rays (H, W, 3) from the eye."""
+    size = directions.shape[:2]
     depth, face, emitter = np.full(size, np.inf), np.full(size, -1), np.full(size, -1)
     first = 0
-    rows = max(1, int(2e6) // camera.width)
     for shape in shapes.values():
-        for top in range(0, camera.height, rows):
-            part = np.s_[top : top + rows]
-            u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(*part.indices(camera.height)) + 0.5)
-            distance, index = shape.intersect(camera.position, camera.directions(np.stack([u, v], -1)))
-            nearer = distance < depth[part]
-            depth[part] = np.where(nearer, distance, depth[part])
-            face[part] = np.where(nearer, index + first, face[part])
+        distance, index = shape.intersect(eye, directions)
+        nearer = distance < depth
+        depth, face = np.where(nearer, distance, depth), np.where(nearer, index + first, face)
         first += len(shape.faces())
     for index, light in enumerate(lights.values()):
         polygon = light.emitting_polygon()
-        if polygon is None or polygon_normal(polygon) @ (camera.position - polygon.mean(0)) <= 0:
+        if polygon is None or polygon_normal(polygon) @ (eye - polygon.mean(0)) <= 0:
             continue  # a one-sided lamp is dark from behind
-        distance, hit = first_hits(camera.position, camera.directions(camera.pixel_centres()), [polygon])
+        distance, hit = first_hits(eye, directions, [polygon])
         seen = (hit == 0) & (distance <= depth * (1 + COINCIDENT))
         depth, emitter = np.where(seen, np.minimum(depth, distance), depth), np.where(seen, index, emitter)
     return depth, face, emitter

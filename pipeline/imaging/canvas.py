@@ -70,7 +70,9 @@ class Canvas:
         # darker, so that lines stand out from white walls
         self.image = (cv2.resize(photograph, size, interpolation=enlarge) * 0.72).astype(np.uint8)
         self.plain = self.image.copy()
-        self.camera = camera.resized(*size)
+        self.camera, self.photograph_size = camera.resized(*size), np.array([width, height])
+        #: pixels of the canvas in one of the photograph, (2,)
+        self._scale = np.array(size) / self.photograph_size
         self.depth = depth
         self.farthest = cv2.dilate(depth.astype(np.float32), np.ones((3, 3), np.uint8))
         self.unit = min(max(size), 2 * min(size)) / 1000
@@ -184,11 +186,6 @@ class Canvas:
     def name_at(self, pixel: np.ndarray, extent: np.ndarray, text: str, colour: tuple) -> None:
         """Names something of an extent (2,) in the middle of which lies a pixel (2,) of the photograph."""
         self.labels.append((self._on_canvas(pixel), np.asarray(extent) * self._scale, text, colour))
-
-    @property
-    def _scale(self) -> np.ndarray:
-        """Pixels of the canvas in one of the photograph, (2,)."""
-        return np.array([self.camera.width, self.camera.height]) / self.depth.shape[::-1]
 
     def _on_canvas(self, pixels: np.ndarray) -> np.ndarray:
         reach = 2 * max(self.image.shape)

@@ -19,6 +19,8 @@ from pipeline.errors import InputError
 #: Names that a scene may give as `colour_space`.
 COLOUR_SPACES = ("auto", "srgb", "linear", "display_p3", "adobe_rgb")
 
+#: Rows decoded at once.
+BAND = 256
 _D65 = (0.3127, 0.3290, 1.0)
 _REC709_PRIMARIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
 _DISPLAY_P3_PRIMARIES = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
@@ -54,7 +56,10 @@ class SrgbEncoding:
         if codes.dtype.kind == "u":  # a table is exact and, over a photograph, ten times faster
             top = np.iinfo(codes.dtype).max
             table = srgb_to_linear(np.arange(top + 1, dtype=np.float64) / top).astype(np.float32)
-            return _as_rgb(table[codes])
+            linear = np.empty((*codes.shape[:2], 3), np.float32)
+            for row in range(0, len(codes), BAND):  # indices are widened to eight bytes each
+                linear[row:row + BAND] = _as_rgb(table[codes[row:row + BAND]])
+            return linear
         return _as_rgb(srgb_to_linear(codes.astype(np.float32)))
 
     def encode(self, linear: np.ndarray, channels: int) -> np.ndarray:

@@ -42,31 +42,41 @@ class EdgeLayers:
     behind: np.ndarray
 
 
-def refined(photograph: np.ndarray, labels: np.ndarray, depth: np.ndarray, porous: np.ndarray, radius: int
-            ) -> EdgeLayers:
+def refined(photograph: np.ndarray, labels: np.ndarray, depth: np.ndarray, porous: np.ndarray, radius: int,
+            mixed_only: bool = False) -> EdgeLayers:
     """Two layers a pixel of a linear photograph (H, W, 3) with drawn `labels` (H, W) and radial `depth` (H, W) [m].
 
     porous (H, W): where something farther may be seen through what was drawn (branches, lattices). radius
     [pixel]: how far outlines may be off; 0 leaves all as drawn. Alpha follows the line between the two sides'
     colours where these differ, and a guided filter of the outline (He et al. 2013) where they do not.
-    The layers mix to the photograph: alpha * front + (1 - alpha) * behind, to rounding.
+    The layers mix to the photograph: alpha * front + (1 - alpha) * behind, to rounding. mixed_only: depths and colours
+    are 0 far from borders, which takes no memory of large photographs, and all are float32.
     """
-    photograph = np.maximum(photograph, 0)
     border, within_one = _borders(labels, depth)
     if within_one.any():  # a depth map: things as far as one another go by one label
         split = np.isin(labels, np.unique(labels[within_one]))
         shell = 1 + labels.max() + np.floor(np.log(np.maximum(depth, 1e-6) / 1e-6) / np.log(DEPTH_STEP)).astype(int)
         labels = np.where(split, shell, labels)
-    found = EdgeLayers(np.ones(depth.shape), np.array(depth, float), np.array(depth, float), photograph.copy(),
-                       photograph.copy())
+    if mixed_only:
+        nothing = (np.zeros(shape, np.float32) for shape in (depth.shape, depth.shape, (*depth.shape, 3), (*depth.shape, 3)))
+        found = EdgeLayers(np.ones(depth.shape, np.float32), *nothing)
+    else:
+        photograph = np.maximum(photograph, 0)
+        found = EdgeLayers(np.ones(depth.shape), np.array(depth, float), np.array(depth, float), photograph.copy(),
+                           photograph.copy())
     if radius == 0 or not border.any():
         return found
-    white = max(float(np.percentile(photograph.max(-1)[::4, ::4], 99.5)), 1e-30)
+    white = max(float(np.percentile(np.maximum(photograph[::4, ::4], 0).max(-1), 99.5)), 1e-30)
     reach = int(np.ceil(radius * (HOLES_REACH if porous.any() else OUTLINE_REACH)))
     for core, wide, within in _tiles(border, reach, reach + 4 * radius):
-        tile = _Tile(photograph[wide].astype(float), labels[wide], np.asarray(depth[wide], float), porous[wide],
+        tile = _Tile(np.maximum(photograph[wide], 0).astype(float), labels[wide], np.asarray(depth[wide], float), porous[wide],
                      border[wide], radius, white)
-        for name, values in vars(tile.layers()).items():
+        layers = tile.layers()
+        if mixed_only and not tile.mixed[within].any():
+            continue
+        for name, values in vars(layers).items():
+            if mixed_only and name != "alpha":
+                values = np.where(tile.mixed[..., None] if values.ndim == 3 else tile.mixed, values, 0)
             getattr(found, name)[core] = values[within]
     return found
 
@@ -146,7 +156,7 @@ class _Tile:
         # far from the outline what was drawn holds, and in a crown's middle holes grow rare
         drawn = _smoothstep((self.away - self.hold) / (self.reach - self.hold))
         alpha = np.where(mixed, alpha * (1 - drawn) + self.nearer * drawn, 1.0)
-        front, behind = _adding_up(self.photograph, alpha, front, behind)
+        front, behind = adding_up(self.photograph, alpha, front, behind)
         return EdgeLayers(alpha, self.front_depth, self.behind_depth, front, behind)
 
     def _means(self, of_pixel: np.ndarray, weight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -227,7 +237,7 @@ def _nearest(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return distance, table[label]
 
 
-def _adding_up(photograph, alpha, front, behind) -> tuple[np.ndarray, np.ndarray]:
+def adding_up(photograph, alpha, front, behind) -> tuple[np.ndarray, np.ndarray]:
     """Colours moved as little as may be so that they mix to the photograph, none below 0."""
     a, b = alpha[..., None], 1 - alpha[..., None]
     missing = (photograph - a * front - b * behind) / (a**2 + b**2)

@@ -59,7 +59,7 @@ def read_map(path: str | os.PathLike, size: tuple[int, int] | None = None) -> np
     Half floats, as POV-Ray writes them, are widened; an alpha beside R, G, B is left out. Raises
     `InputError` for a missing, damaged or otherwise organised file, and for one of another `size` (H, W).
     """
-    source = _opened(Path(path))
+    source = opened(Path(path))
     spec = source.spec()
     names = list(spec.channelnames)
     if {"R", "G", "B"} <= set(names):
@@ -83,10 +83,11 @@ def read_map(path: str | os.PathLike, size: tuple[int, int] | None = None) -> np
 def read_metadata(path: str | os.PathLike) -> dict[str, str | int | float | tuple]:
     """All attributes in the header of the EXR at `path`, by name."""
     return {item.name: tuple(item.value.tolist()) if isinstance(item.value, np.ndarray) else item.value
-            for item in _opened(Path(path)).spec().extra_attribs}
+            for item in opened(Path(path)).spec().extra_attribs}
 
 
-def _opened(path: Path) -> oiio.ImageInput:
+def opened(path: Path) -> oiio.ImageInput:
+    """The EXR at `path`, its header read."""
     if not path.is_file():
         raise InputError("no such map", remedy="run the stage that writes it", place=str(path))
     source = oiio.ImageInput.open(str(path))

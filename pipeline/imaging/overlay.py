@@ -34,7 +34,7 @@ def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape],
     """The annotated picture (h, w, 3) uint8, of at most 2000 pixels on its long side.
 
     photograph: uint8, RGB as on a screen, of any size; camera: of the true size (H, W); all is placed.
-    depth: (H, W) radial [m], tells hidden edges (thin) from visible ones. clicks: pairs of pixels (2,) of the
+    depth: (h, w) radial [m], of any size, tells hidden edges (thin) from visible ones. clicks: pairs of pixels (2,) of the
     photograph, an annotated corner and the corner fitted to it. air: of a scene in the open air.
     """
     canvas = Canvas(photograph, camera, depth)

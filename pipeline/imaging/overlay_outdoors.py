@@ -25,7 +25,7 @@ MOST_NAMES = 30
 class OpenAir:
     """What an open-air photograph was said and found to show; pixels are the photograph's.
 
-    labels: (H, W) index into regions of what each pixel shows, -1 for none. regions: name, class and median depth
+    labels: (H, W) index into regions of what is seen, -1 for none, of any size. regions: name, class and median depth
     [m], None for none seen. feet: (n, 2) each. patches: name, sunlit or shadowed, outline (n, 2). shadows: foot, tip
     and tip's shadow (2,) each.
     """
@@ -60,7 +60,7 @@ def _outline_regions(canvas: Canvas, air: OpenAir) -> None:
         size = (max(1, round(width / shrink)), max(1, round(height / shrink)))
         labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
     labels = labels.astype(np.int32)
-    scale = np.array([width, height]) / labels.shape[::-1]
+    scale = canvas.photograph_size / labels.shape[::-1]
     named = []
     for index, box in enumerate(find_objects(labels + 1, len(air.regions))):
         if box is None:

@@ -9,8 +9,8 @@ Kinds: JPEG (8 bit), PNG and TIFF (8 and 16 bit, TIFF also float), OpenEXR, Radi
 
 from pipeline.imaging.photograph_file import Photograph
 from pipeline.imaging.photograph_reading import MAX_PIXELS, read, read_exif_focal_length
-from pipeline.imaging.photograph_resampling import resampled
-from pipeline.imaging.photograph_writing import encode, write, write_png, write_unchanged
+from pipeline.imaging.photograph_resampling import averaged, resampled, working_size
+from pipeline.imaging.photograph_writing import encode, write, write_png, write_unchanged, write_with_png
 
-__all__ = ["MAX_PIXELS", "Photograph", "encode", "read", "read_exif_focal_length", "resampled", "write", "write_png",
-           "write_unchanged"]
+__all__ = ["MAX_PIXELS", "Photograph", "averaged", "encode", "read", "read_exif_focal_length", "resampled",
+           "working_size", "write", "write_png", "write_unchanged", "write_with_png"]

@@ -10,6 +10,23 @@ import numpy as np
 from pipeline.imaging.photograph_file import Photograph
 
 
+#: A working copy's shorter side [pixel] is not below this: what is so narrow is no large photograph.
+NARROWEST = 32
+
+
+def working_size(width: int, height: int, longer_side: int | None) -> tuple[int, int]:
+    """Width and height at which light and fog of a photograph are worked out: its own, or smaller."""
+    scale = min(1.0, (longer_side or max(width, height)) / max(width, height))
+    if scale == 1.0 or scale * min(width, height) < NARROWEST:
+        return width, height
+    return round(width * scale), round(height * scale)
+
+
+def averaged(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """An image (H, W, ...) at a smaller size, (w, h), each pixel the mean of what it covers; float32."""
+    return cv2.resize(np.ascontiguousarray(values, np.float32), size, interpolation=cv2.INTER_AREA)
+
+
 def resampled(photograph: Photograph, longer_side: int) -> Photograph:
     """The photograph with this longer side [pixel], in linear light: averaged when smaller, else bicubic.
 

@@ -13,12 +13,15 @@ from pipeline.imaging.atomic import replacing
 from pipeline.imaging.colour import Encoding, SrgbEncoding
 from pipeline.imaging.maps import Metadata, set_attribute
 from pipeline.imaging.photograph_file import SUFFIXES, Photograph
+from pipeline.side_by_side import side_by_side
 
 #: Metadata about pixels as they were stored: false or superfluous beside new pixels. The gain map of
 #: an Ultra-HDR photograph (hdrgm and its container) would brighten the fog by the clear picture's lights.
 _STALE_METADATA = ("oiio:", "ICCProfile", "Orientation", "thumbnail", "hdrgm:", "Item:", "Container:", "rdf:",
                    "tiff:", "jpeg:", "png:", "openexr:", "hdr:", "planarconfig", "Exif:PixelXDimension",
                    "Exif:PixelYDimension")
+#: Larger photographs are compressed fast [pixel].
+LARGE = 4_000_000
 _OF_ONE_FORMAT = ("compression", "chromaticities")
 
 
@@ -30,13 +33,29 @@ def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph,
     subsampling. An EXR carries `metadata` as well. Raises `InputError` if the file cannot be written; then
     nothing is left behind.
     """
-    path = Path(path)
+    _write(Path(path), radiance, like, metadata)
+
+
+def write_with_png(path: str | os.PathLike, png: str | os.PathLike, radiance: np.ndarray, like: Photograph,
+                   metadata: Metadata = {}) -> None:
+    """As `write` and, after that, `write_png`; what both store alike is encoded once."""
+    values = _write(Path(path), radiance, like, metadata)
+    channels = values.shape[2] - (like.alpha is not None)
+    encoding, sample_type = _for_screen(like, channels)
+    if sample_type == like.sample_type and encoding is _fitting_encoding(like, channels):
+        _store(Path(png), values, like, "png", sample_type, encoding.profile)
+    else:
+        write_png(png, radiance, like)
+
+
+def _write(path: Path, radiance: np.ndarray, like: Photograph, metadata: Metadata) -> np.ndarray:
     if path.suffix.lower() not in SUFFIXES[like.format]:
         raise ValueError(f"{path.name}: a {like.format} file is called {like.suffix}")
     values = encode(radiance, like)
     colours = values.shape[2] - (like.alpha is not None)
     encoding = _fitting_encoding(like, colours)
     _store(path, values, like, like.format, like.sample_type, encoding.profile, metadata)
+    return values
 
 
 def write_png(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -> None:
@@ -46,13 +65,17 @@ def write_png(path: str | os.PathLike, radiance: np.ndarray, like: Photograph) -
     smooth and 8 bits would show bands that the photograph never had. In the photograph's own
     colour profile if it has one, else sRGB; clipped at photo white, no tone mapping.
     """
-    channels = 1 if like.is_grey and _is_grey(radiance) else 3
+    encoding, sample_type = _for_screen(like, 1 if like.is_grey and _is_grey(radiance) else 3)
+    values = encode(radiance, like, encoding, sample_type)
+    _store(Path(path), values, like, "png", sample_type, encoding.profile)
+
+
+def _for_screen(like: Photograph, channels: int) -> tuple[Encoding, str]:
+    """Encoding and sample type of `write_png`."""
     encoding = _fitting_encoding(like, channels)
     if like.is_float or (encoding.profile is None and not isinstance(encoding, SrgbEncoding)):
         encoding = SrgbEncoding()
-    sample_type = "uint8" if like.sample_type == "uint8" else "uint16"
-    values = encode(radiance, like, encoding, sample_type)
-    _store(Path(path), values, like, "png", sample_type, encoding.profile)
+    return encoding, "uint8" if like.sample_type == "uint8" else "uint16"
 
 
 def write_unchanged(path: str | os.PathLike, photograph: Photograph) -> None:
@@ -96,9 +119,8 @@ def encode(radiance: np.ndarray, like: Photograph, encoding: Encoding | None = N
     is_integer = sample_type.startswith("uint")
     dtype = np.dtype(sample_type if is_integer else np.float32)
     values = np.empty(radiance.shape[:2] + (channels + (like.alpha is not None),), dtype)
-    rows = max(1, 2_000_000 // like.width)  # in bands: transfer functions need several temporary copies
-    for top in range(0, like.height, rows):
-        band = slice(top, top + rows)
+
+    def add(band: slice) -> None:
         linear = radiance[band]
         if like.has_associated_alpha and not is_integer:
             linear = linear * np.where(like.alpha[band] > 0, like.alpha[band], 1)[..., None]
@@ -110,6 +132,10 @@ def encode(radiance: np.ndarray, like: Photograph, encoding: Encoding | None = N
         elif like.format == "hdr":
             encoded = np.maximum(encoded, 0)  # shared-exponent pixels have no sign
         values[band, :, :channels] = encoded
+
+    rows = max(1, 1_000_000 // like.width)  # in bands: transfer functions need several temporary copies
+    for _ in side_by_side(add, [slice(top, top + rows) for top in range(0, like.height, rows)]):
+        pass
     if like.alpha is not None:
         if like.codes.dtype == dtype:
             values[..., -1] = like.codes[..., -1]
@@ -155,6 +181,12 @@ def _store(path: Path, values: np.ndarray, like: Photograph, format: str, sample
         spec.attribute("jpeg:subsampling", "4:4:4")
     elif format == "tiff" and spec.get_string_attribute("compression") not in ("none", "lzw", "packbits"):
         spec.attribute("compression", "zip")  # never a lossy one
+    if width * height > LARGE:
+        # PNG in a third of the time, for files a third larger
+        if format == "png":
+            spec.attribute("png:compressionLevel", 1)
+        elif format == "openexr" and spec.get_string_attribute("compression", "zip") == "zip":
+            spec.attribute("compression", "zip:1")
     if format == "openexr" and not spec.get_string_attribute("DateTime"):
         spec.attribute("DateTime", "1970:01:01 00:00:00")  # else the time of day: no two builds alike
 

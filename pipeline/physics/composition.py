@@ -45,10 +45,22 @@ def with_restored_lamps(radiance: np.ndarray, clipped: np.ndarray, emitter: np.n
     own glow. clipped: (H, W). emitter: (H, W) index of the light seen, -1 none. strengths: radiance (3,) by
     index. A lamp is restored where it is mostly clipped; what else is near white in it is JPEG's ringing.
     """
-    restored = np.array(radiance, float)
-    near_white = clipped | (restored.min(-1) > NEAR_WHITE)
+    return restored(np.array(radiance, float), clipped, emitter, burnt_out(clipped, emitter, strengths))
+
+
+def burnt_out(clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+    """Those of the lamps, seen where `emitter` (H, W) is their index, that are mostly `clipped` (H, W)."""
+    return {index: strength for index, strength in strengths.items()
+            if (lamp := emitter == index).any() and clipped[lamp].mean() > 0.5}
+
+
+def restored(radiance: np.ndarray, clipped: np.ndarray, emitter: np.ndarray, strengths: dict[int, np.ndarray]
+             ) -> np.ndarray:
+    """`radiance` (H, W, 3), of which burnt-out lamps take their strength, in place."""
+    if not strengths:
+        return radiance
+    near_white = clipped | (radiance.min(-1) > NEAR_WHITE)
     for index, strength in strengths.items():
-        lamp = emitter == index
-        if lamp.any() and clipped[lamp].mean() > 0.5:
-            restored[lamp & near_white] = np.maximum(restored[lamp & near_white], strength)
-    return restored
+        shown = (emitter == index) & near_white
+        radiance[shown] = np.maximum(radiance[shown], strength)
+    return radiance

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.paths import Build
-from pipeline.scene.artefacts import read_json, write_json
+from pipeline.scene.artefacts import read_json, working, write_json
 
 STAGES = ("plan", "emit", "render", "decompose", "composite")
+#: Of these, what enlarges the maps of a large photograph; all else works at its working size.
+FULL_SIZE = {"composite"}
 #: What a fog's stages read of the scene file.
 INPUTS = ("fog", "fog_files", "gains", "render")
 
@@ -29,7 +31,7 @@ class Trial(Build):
 
 
 def of(build: Build, name: str) -> Trial:
-    return Trial(build.scene, build.fog, build.scenes, build.builds, name=name)
+    return Trial(build.scene, build.fog, build.scenes, build.builds, working(build).reduced, name=name)
 
 
 def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -> dict[str, float]:
@@ -48,6 +50,6 @@ def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -
     for stage in STAGES:
         module = importlib.import_module(f"pipeline.stages.{stage}")
         start = time.monotonic()
-        module.run(trial)
+        module.run(trial.full if stage in FULL_SIZE else trial)
         seconds[stage] = time.monotonic() - start
     return seconds

@@ -14,7 +14,7 @@ from pipeline.estimation.surroundings import surroundings
 from pipeline.geometry.regions import polygon_mask
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
-from pipeline.scene.artefacts import read_json, scene_place
+from pipeline.scene.artefacts import annotation_scale, read_json, scene_place
 from pipeline.scene.placed import PlacedScene
 
 #: Asphalt is 0.1, concrete and grass 0.25, dry earth 0.3: where nothing is said, the middle of ordinary ground.
@@ -43,7 +43,7 @@ def daylight(build: Build, scene: PlacedScene, settings, names: list[str], groun
     if sun is not None and not settings.sunlit:
         raise InputError(f"{found['sunlight']}, a sunlight, without sunlit patches",
                          remedy="outline 'sunlit' patches, or leave the sunlight out under an overcast sky")
-    photograph, clipped = read_map(build.photograph), read_map(build.shared / "clipped.exr") > 0.5
+    photograph, clipped = read_map(build.photograph), read_map(build.clipped) > 0.5
     messages: list[str] = []
     patches = {kind: _patches(build, scene, settings, kind, photograph, clipped, ground, messages)
                for kind in ("shadowed", "sunlit")}
@@ -69,11 +69,11 @@ def _patches(build: Build, scene: PlacedScene, settings, kind: str, photograph: 
              ground: np.ndarray, messages: list[str]) -> list[Patch]:
     normals = {name: np.asarray(normal) for name, normal in read_json(build.geometry)["region_normals"].items()}
     depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
-    patches = []
+    patches, scale = [], annotation_scale(build)
     for index, described in enumerate(getattr(settings, kind)):
         name = f"{kind}[{index}]"
         try:
-            mask, normal = _mask(name, described, clipped.shape), _normal(name, described.on, normals)
+            mask, normal = _mask(name, described, clipped.shape, scale), _normal(name, described.on, normals)
         except InputError as error:
             raise error.at(scene_place(build, "illumination", kind)) from None
         albedo = described.albedo if described.albedo is not None else settings.albedo
@@ -106,17 +106,17 @@ def _cast(scene: PlacedScene, origin: np.ndarray, directions: np.ndarray) -> tup
     return nearest_hit, face
 
 
-def _mask(name: str, described, shape: tuple[int, int]) -> np.ndarray:
+def _mask(name: str, described, shape: tuple[int, int], scale: np.ndarray) -> np.ndarray:
     if described.pixels is not None:
-        mask = polygon_mask(shape, np.asarray(described.pixels, float))
+        mask = polygon_mask(shape, np.asarray(described.pixels, float) * scale)
     else:
         drawn = np.zeros(shape, np.uint8)
-        centre = np.asarray(described.pixel, float) - 0.5
-        cv2.circle(drawn, np.round(centre).astype(int).tolist(), max(1, round(described.radius)), 1, -1)
+        centre = np.asarray(described.pixel, float) * scale - 0.5
+        cv2.circle(drawn, np.round(centre).astype(int).tolist(), max(1, round(described.radius * float(scale.mean()))), 1, -1)
         mask = drawn > 0
     if not mask.any():
         raise InputError(f"{name} covers no pixel of the photograph",
-                         remedy=f"give it in pixels of the photograph, {shape[1]} x {shape[0]}")
+                         remedy="give it in pixels of the photograph, {:.0f} x {:.0f}".format(*(shape[::-1] / scale)))
     return mask
 
 

@@ -73,9 +73,13 @@ class _Remembering:
 
 
 class Scattered:
-    """The rendered runs of one fog, read as they are asked for."""
+    """The rendered runs of one fog, read as they are asked for.
 
-    def __init__(self, build: Build):
+    mixed: V and T of a pixel that shows two things are those of both; else of the one in front.
+    """
+
+    def __init__(self, build: Build, mixed: bool = True):
+        self.mixed = mixed
         self.build, self.scene, self.medium = build, read_placed(build), read_fog(build)
         if self.medium.longest_step() < np.inf:
             self.medium = _Remembering(self.medium, self.scene.camera.position)
@@ -123,7 +127,7 @@ class Scattered:
     def by(self, light: str) -> np.ndarray:
         """In-scattering V of one light at its strength, (H, W, 3)."""
         total = self._by(light, self.front)
-        if self.behind is not None:
+        if self.mixed and self.behind is not None:
             where, alpha = self.behind.where, self.edges.alpha[self.behind.where][..., None]
             total[where] = alpha * total[where] + (1 - alpha) * self._by(light, self.behind)
         return self.strengths[light] * total
@@ -131,12 +135,27 @@ class Scattered:
     def transmittance(self, lights: list[str]) -> np.ndarray:
         """T of the light that these lights together reflect from each surface, (H, W, 3)."""
         total = self._transmittance(lights, self.front)
-        if self.behind is not None:
+        if self.mixed and self.behind is not None:
             where, edges = self.behind.where, self.edges
             total[where] = layers.mixed_transmittance(
                 edges.alpha[where], edges.front[where], edges.behind[where], total[where],
                 self._transmittance(lights, self.behind))
         return total
+
+    def behind_by(self, light: str) -> np.ndarray:
+        """V behind what is in front (n, 3), of the pixels that show two things."""
+        return self.strengths[light] * self._by(light, self.behind)
+
+    def behind_transmittance(self, lights: list[str]) -> np.ndarray:
+        """T of what is behind (n, 3), of the pixels that show two things."""
+        return self._transmittance(lights, self.behind)
+
+    def mean_density(self, view: View) -> np.ndarray:
+        """Of the fog along each of a view's rays, as a share of what is stated."""
+        strongest = int(self.extinction.argmax())
+        if not self.extinction[strongest] > 0:
+            return np.ones(view.depth.shape)
+        return view.optical_depth[..., strongest] / (self.extinction[strongest] * view.depth)
 
     def _by(self, light: str, view: View) -> np.ndarray:
         """V at unit strength."""

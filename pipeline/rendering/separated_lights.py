@@ -22,7 +22,7 @@ from pipeline.paths import Build
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Run, Templates, emit
 from pipeline.rendering.runs import irradiance_run
-from pipeline.scene.artefacts import read_json
+from pipeline.scene.artefacts import annotation_scale, read_json
 from pipeline.scene.placed import PlacedScene
 
 #: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
@@ -76,7 +76,7 @@ def _stated_albedos(scene: PlacedScene) -> dict[int, np.ndarray]:
 def _observations(build: Build, scene: PlacedScene, settings):
     """The photograph and what each pixel shows, at the estimate's size; radiance of visible lamps."""
     photograph = read_map(build.photograph)
-    clipped = read_map(build.shared / "clipped.exr") > 0.5
+    clipped = read_map(build.clipped) > 0.5
     surfaces = read_map(build.surfaces)
     surface, emitter = surfaces[..., 0].astype(np.int32), surfaces[..., 1].astype(np.int32)
     names = sources(scene)
@@ -94,10 +94,10 @@ def _observations(build: Build, scene: PlacedScene, settings):
         radiance = photograph[core].mean(0).astype(float)
         # a lamp that is burnt out shows only that it is brighter than white
         (at_least if clipped[core].mean() > 0.5 else measured)[index] = radiance
-    annotated = []
+    annotated, scale = [], annotation_scale(build)
     for region in settings.albedos:
         mask = np.zeros(clipped.shape, np.uint8)
-        cv2.fillPoly(mask, [np.round(np.asarray(region.pixels) - 0.5).astype(np.int32)], 1)
+        cv2.fillPoly(mask, [np.round(np.asarray(region.pixels) * scale - 0.5).astype(np.int32)], 1)
         if not mask.any():
             raise InputError(f"albedo region {region.pixels[0]}... covers no pixel of the photograph",
                              remedy="give its outline in pixels of the photograph")

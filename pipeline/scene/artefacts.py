@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,10 @@ MAX_FILE_BYTES = 512 * 2**20
 THIN = 1e-4
 #: Counts up when a file between stages gets another meaning; a build of another number is made anew.
 FORMAT = 2
+SURFACES = {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"}
+EDGES = {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"}
+EDGE_COLOURS = {"front": {"fog:content": "radiance of the front layer"},
+                "behind": {"fog:content": "radiance behind the front layer"}}
 REMAKE = "remove the scene's build folder and run make again"
 
 
@@ -103,6 +107,28 @@ def read_camera(build: Build) -> Camera:
         raise InputError(f"holds no camera ({error})", place=str(build.camera), remedy=REMAKE) from None
 
 
+def image_camera(build: Build) -> Camera:
+    """The camera of the build's images."""
+    camera = read_camera(build)
+    return camera.resized(*image_size(build)) if build.reduced else camera
+
+
+def working(build: Build) -> Build:
+    """The build whose images have the working size; the same for a photograph that is no larger than that."""
+    return replace(build, reduced="working_width_pixel" in read_json(build.photograph_facts))
+
+
+def image_size(build: Build) -> tuple[int, int]:
+    """Width and height [pixel] of the build's images."""
+    facts, which = read_json(build.photograph_facts), "working_" if build.reduced else ""
+    return facts[f"{which}width_pixel"], facts[f"{which}height_pixel"]
+
+
+def annotation_scale(build: Build) -> np.ndarray:
+    """Factor (2,) from the photograph's pixels, in which all is annotated, to those of the build's images."""
+    return np.divide(image_size(build), image_size(build.full))
+
+
 def plugin_from_json(kind: str, data: dict[str, Any]) -> Plugin:
     """The plugin that was written by `model_dump`; InputError where another version wrote it."""
     try:
@@ -124,7 +150,7 @@ def read_placed(build: Build) -> PlacedScene:
         lights[name] = plugin_from_json("lights", light)
     shapes = {name: plugin_from_json("shapes", shape) for name, shape in data["shapes"].items()}
     exporter = plugin_from_json("exporters", read_json(build.input("exporter")))
-    return PlacedScene(read_camera(build), shapes, lights, exporter, data.get("outdoors", False),
+    return PlacedScene(image_camera(build), shapes, lights, exporter, data.get("outdoors", False),
                        data.get("sky_depth_m", 1.0))
 
 
@@ -185,10 +211,9 @@ class Edges:
 
 
 def write_edges(build: Build, edges: Edges) -> None:
-    write_map(build.edges, np.stack([edges.alpha, edges.front_depth, edges.behind_depth], -1),
-              {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"})
-    write_map(build.edge_colours("front"), edges.front, {"fog:content": "radiance of the front layer"})
-    write_map(build.edge_colours("behind"), edges.behind, {"fog:content": "radiance behind the front layer"})
+    write_map(build.edges, np.stack([edges.alpha, edges.front_depth, edges.behind_depth], -1), EDGES)
+    write_map(build.edge_colours("front"), edges.front, EDGE_COLOURS["front"])
+    write_map(build.edge_colours("behind"), edges.behind, EDGE_COLOURS["behind"])
 
 
 def read_edges(build: Build) -> Edges | None:

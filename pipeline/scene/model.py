@@ -25,6 +25,9 @@ class PhotographFile(Model):
     size: int | None = parameter(
         None, "pixel", ge=1, le=20000,
         description="longer side to which it is resampled first; only where nothing is annotated in its pixels")
+    working_size: int | None = parameter(
+        1024, "pixel", ge=64, le=20000,
+        description="longer side at which light and fog of a larger photograph are worked out; null for its own")
     max_megapixels: float = parameter(100.0, "megapixel", gt=0, le=2000,
                                       description="larger files are refused")
 

@@ -12,11 +12,11 @@ from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane
 from pipeline.geometry.regions import (
-    Region, RegionDepth, RegionError, cut, depth_of_regions, painted, polygon_mask)
+    Region, RegionDepth, RegionError, at_smaller_size, cut, depth_of_regions, painted, polygon_mask)
 from pipeline.geometry.stand_in import Solid, regions_of, stand_in
 from pipeline.geometry.visibility import COINCIDENT
 from pipeline.imaging.depth_file import read_depth, read_labels
-from pipeline.imaging.edges import refined
+from pipeline.imaging.edges import EdgeLayers, refined
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build, inside
 from pipeline.plugins.base import FARTHEST, Shape, registry
@@ -29,17 +29,25 @@ PALETTE = {"#ff0000": "vertical", "#00ff00": "support", "#0000ff": "sky"}
 
 @dataclass
 class Outdoors:
-    """What the geometry stage needs of an open-air scene; see `outdoors`."""
+    """What the geometry stage needs of an open-air scene; see `outdoors`.
+
+    camera, photograph, found, radius [pixel] of refinement: at the size of the build's images. full: regions and depth at
+    the photograph's size, where that is another; layers: refined borders, kept for that.
+    """
 
     section: DepthSection
     camera: Camera
     photograph: np.ndarray
     found: RegionDepth
     solids: dict[str, Any]
+    radius: int
+    full: RegionDepth | None = None
     planes: dict[str, Plane] = field(default_factory=dict)
     messages: list[str] = field(default_factory=list)
     ground_faces: list[int] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
+    face_of: np.ndarray | None = None
+    layers: EdgeLayers | None = None
 
     @property
     def sky_depth(self) -> float:
@@ -48,6 +56,11 @@ class Outdoors:
     def joined(self, shapes: dict[str, Shape], depth: np.ndarray, face: np.ndarray, emitter: np.ndarray
                ) -> tuple[dict[str, Shape], np.ndarray, np.ndarray, np.ndarray]:
         """Stand-ins as placed shapes; depth, face and emitter maps of the regions and, nearer, of the scene's own."""
+        standing_in = self.standing_in(shapes)
+        return standing_in, *self.seen(self.found, depth, face, emitter)
+
+    def standing_in(self, shapes: dict[str, Shape]) -> dict[str, Shape]:
+        """Stand-ins as placed shapes, which come after the scene's own."""
         for name, solid in self.solids.items():
             if not np.abs(solid.vertices).max() <= FARTHEST:
                 raise InputError(f"what stands in for region {name} reaches beyond {FARTHEST:g} m",
@@ -59,14 +72,18 @@ class Outdoors:
             raise InputError(f"a shape is called '{taken[0]}', which stands in for a region", remedy="rename the shape")
         first = sum(len(shape.faces()) for shape in shapes.values())
         index = {name: first + k for k, name in enumerate(self.solids)}
-        of_region = [index.get(name, -1) for name in self._solid_names()]
-        regions_face = np.array([*of_region, -1], np.int32)[self.found.labels]
-        # a lamp drawn on a wall and the wall coincide
-        nearer = depth < self.found.depth * np.where(emitter >= 0, 1 + COINCIDENT, 1.0)
+        self.face_of = np.array([*(index.get(name, -1) for name in self._solid_names()), -1], np.int32)
         self.ground_faces = sorted({index[n] for n, r in zip(self._solid_names(), self.found.regions)
                                     if r.kind == "support" and n in index})
-        return (standing_in, np.where(nearer, depth, self.found.depth),
-                np.where(nearer, face, regions_face).astype(np.int32), np.where(nearer, emitter, -1))
+        return standing_in
+
+    def seen(self, found: RegionDepth, depth: np.ndarray, face: np.ndarray, emitter: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Depth, face and emitter of regions and, nearer, of the scene's own shapes, all of one size."""
+        # a lamp drawn on a wall and the wall coincide
+        nearer = depth < found.depth * np.where(emitter >= 0, 1 + COINCIDENT, 1.0)
+        return (np.where(nearer, depth, found.depth), np.where(nearer, face, self.face_of[found.labels]).astype(np.int32),
+                np.where(nearer, emitter, -1))
 
     def _solid_names(self) -> list[str | None]:
         names = regions_of(self.solids, self.found.regions)
@@ -74,13 +91,17 @@ class Outdoors:
 
     def edges_beside(self, depth: np.ndarray) -> Edges:
         """Refined borders of the regions; the scene's own shapes before them are as sharp as they are."""
-        porous = np.array([region.porous for region in self.found.regions])[self.found.labels]
-        layers = refined(self.photograph, self.found.labels, self.found.depth, porous, self.section.refine.radius)
+        layers = refined(self.photograph, self.found.labels, self.found.depth, self.porous(self.found), self.radius)
+        self.layers = layers if self.full is not None else None
         own = depth < self.found.depth
         alpha = np.where(own, 1.0, layers.alpha)
         front, behind = (np.where(own, depth, d) for d in (layers.front_depth, layers.behind_depth))
-        layers.front[own] = np.maximum(self.photograph, 0)[own]
-        return Edges(alpha, front, behind, layers.front, layers.behind)
+        colour = np.where(own[..., None], np.maximum(self.photograph, 0), layers.front)
+        return Edges(alpha, front, behind, colour, layers.behind)
+
+    def porous(self, found: RegionDepth) -> np.ndarray:
+        """Where (H, W) something farther may be seen through what was drawn."""
+        return np.array([region.porous for region in found.regions])[found.labels]
 
     def normals(self) -> dict[str, list[float]]:
         """Unit normals towards the camera of the regions' planes, by the planes' names."""
@@ -88,8 +109,11 @@ class Outdoors:
         return {name: (sides[name] * plane.normal).tolist() for name, plane in self.planes.items()}
 
 
-def outdoors(build: Build, camera: Camera, described: dict[str, Any]) -> Outdoors:
-    """Reads what the section names, and works out depth and stand-ins. Raises InputError with a place."""
+def outdoors(build: Build, camera: Camera, described: dict[str, Any], view: Camera | None = None) -> Outdoors:
+    """Reads what the section names, and works out depth and stand-ins. Raises InputError with a place.
+
+    camera: the photograph's, in whose pixels regions are drawn. view: that of the build's images, if it is another.
+    """
     section = DepthSection.model_validate({k: v for k, v in described.items() if k != "sha256"})
     known = None
     if section.map is not None:
@@ -102,12 +126,16 @@ def outdoors(build: Build, camera: Camera, described: dict[str, Any]) -> Outdoor
         name = error.region.split(":")[0]
         raise error.at(scene_place(build, "depth", *(("regions", name) if name in section.regions else ("labels",)))
                        ) from None
+    radius, full = section.refine.radius, None
+    if view is not None and (view.width, view.height) != (camera.width, camera.height):
+        radius = max(1, round(radius * view.width / camera.width)) if radius else 0
+        full, found, camera = found, at_smaller_size(found, view, section.sky_depth), view
     solids = stand_in(camera, found, section.sky_depth)
     planes = {f"{region.name}.{k}" if len(region.planes) > 1 else region.name: plane
               for region in found.regions for k, plane in enumerate(region.planes)}
     facts = {region.name: _facts(region, found, solids.get(region.name)) for region in found.regions}
-    return Outdoors(section, camera, read_map(build.photograph), found, solids, planes, messages + found.messages,
-                    facts=facts)
+    return Outdoors(section, camera, read_map(build.photograph), found, solids, radius, full, planes,
+                    messages + found.messages, facts=facts)
 
 
 def _facts(region: Region, found: RegionDepth, solid: Solid | None) -> dict[str, Any]:

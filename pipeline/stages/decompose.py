@@ -1,4 +1,8 @@
-"""Renders and light strengths -> transmittance.exr, in_scattering_LIGHT.exr, in_scattering.exr."""
+"""Renders and light strengths -> transmittance.exr, in_scattering_LIGHT.exr, in_scattering.exr.
+
+Of a large photograph these have the working size, and are of what is in front where a pixel shows two things;
+behind_*.exr are of what is behind. The composite stage enlarges them.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.planning.accuracy import error_estimate
 from pipeline.rendering import converged
+from pipeline.rendering.enlarged import write_layers
 from pipeline.rendering.runs import from_json
 from pipeline.rendering.scattered import Scattered
 from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, write_json
@@ -20,7 +25,8 @@ def run(build: Build) -> None:
     plan = read_json(build.plan)
     lights = plan["lights"]
     metadata = fog_metadata(build, read_fog(build))
-    written, total, scattered = [], 0.0, Scattered(build)
+    build.fog_images.mkdir(parents=True, exist_ok=True)
+    written, total, scattered = [], 0.0, Scattered(build, mixed=not build.reduced)
     with ThreadPoolExecutor(read_json(build.input("render"))["threads"] or os.cpu_count()) as pool:
         surviving = pool.submit(scattered.transmittance, lights)
         for light, one in zip(lights, pool.map(scattered.by, lights)):
@@ -34,7 +40,9 @@ def run(build: Build) -> None:
               {**metadata, "fog:content": "transmittance map T"})
     write_map(build.in_scattering(), total.astype(np.float32),
               {**metadata, "fog:content": "in-scattering map V"})
-    for old in build.out.glob("in_scattering_*.exr"):
+    if build.reduced:
+        write_layers(build, scattered, lights, transmittance)
+    for old in build.fog_images.glob("in_scattering_*.exr"):
         if old not in written:
             old.unlink()
     check = plan["check"]

@@ -3,6 +3,7 @@
 surfaces.exr: R the index of the visible face, G of the light whose emitter is visible, B of the region; -1 for none.
 Outdoors, where the photograph's depth comes from regions or a map, the shapes stand in for it: solid things of
 about that depth, for shadows and for light that bounces.
+Of a photograph larger than its working size all three are written at both sizes.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pipeline.errors import InputError
+from pipeline.geometry.enlarged_view import EnlargedView
 from pipeline.geometry.planes import Plane
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.glare import glare
@@ -18,19 +20,21 @@ from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import FARTHEST, World
 from pipeline.scene.artefacts import (
-    plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
+    SURFACES, image_camera, plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
+from pipeline.scene.full_size import write_full_size
 from pipeline.scene.outdoors import Outdoors, outdoors
 
 
 def run(build: Build) -> None:
     camera = read_camera(build)
+    view = image_camera(build)
     world = World(camera)
     described = read_json(build.input("depth"))
     open_air: Outdoors | None = None
     if described is not None:
         world.planes["ground"] = Plane.across("y", 0.0)
         try:
-            open_air = outdoors(build, camera, described)
+            open_air = outdoors(build, camera, described, view)
         except InputError as error:
             raise error.at(scene_place(build, "depth")) from None
         world.planes |= open_air.planes
@@ -38,9 +42,11 @@ def run(build: Build) -> None:
     shapes = _placed(build, "shapes", world)
     lights = _placed(build, "lights", world)
     facts = {"outdoors": open_air is not None}
-    depth, face, emitter = visible(camera, shapes, lights)
+    depth, face, emitter = visible(view, shapes, lights)
+    enlarged = EnlargedView(camera, view, depth, face, emitter, shapes, lights) if build.reduced else None
     missed = ~np.isfinite(depth)
-    build.edges.unlink(missing_ok=True)
+    for one in (build, build.full):
+        one.edges.unlink(missing_ok=True)
     region = np.full_like(face, -1)
     if open_air is not None:
         region = np.where(depth < open_air.found.depth, -1, open_air.found.labels)
@@ -48,7 +54,7 @@ def run(build: Build) -> None:
             standing_in, depth, face, emitter = open_air.joined(shapes, depth, face, emitter)
         except InputError as error:
             raise error.at(scene_place(build, "shapes")) from None
-        lamps = glare(camera, lights, depth, open_air.photograph)
+        lamps = glare(view, lights, depth, open_air.photograph)
         emitter = np.where(lamps.light >= 0, lamps.light, emitter)
         edges = open_air.edges_beside(depth).with_glare(lamps, open_air.photograph)
         shapes = {**shapes, **standing_in}
@@ -62,10 +68,11 @@ def run(build: Build) -> None:
         world.messages.append(f"{missed.mean():.1%} of the pixels look past all shapes; fog ends there at the"
                               " farthest depth")
         depth = np.where(missed, depth[~missed].max(), depth)
+    if enlarged is not None:
+        write_full_size(build.full, enlarged, open_air, float(depth.max()))
     write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"},
               is_depth=True)
-    write_map(build.surfaces, np.stack([face, emitter, region], -1).astype(np.float32),
-              {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"})
+    write_map(build.surfaces, np.stack([face, emitter, region], -1).astype(np.float32), SURFACES)
     write_json(build.geometry, {
         **facts, "shapes": shapes, "lights": lights,
         "faces": [f"{n}.{f}" for n, s in shapes.items() for f in s.faces()],

@@ -19,7 +19,7 @@ from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
 from pipeline.rendering.work import refuse_too_much
-from pipeline.scene.artefacts import plugin_from_json, read_json, read_placed, scene_place, write_json
+from pipeline.scene.artefacts import image_size, plugin_from_json, read_json, read_placed, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
 
 #: Pixels round a bulb that its blur fills.
@@ -84,9 +84,7 @@ def _without_fog(build: Build) -> None:
 
 
 def _write_albedo(build: Build, albedo: np.ndarray) -> None:
-    size = read_json(build.photograph_facts)
-    albedo = cv2.resize(albedo.astype(np.float32), (size["width_pixel"], size["height_pixel"]),
-                        interpolation=cv2.INTER_LINEAR)
+    albedo = cv2.resize(albedo.astype(np.float32), image_size(build), interpolation=cv2.INTER_LINEAR)
     write_map(build.albedo, albedo, {"fog:content": "estimated diffuse albedo"})
 
 

@@ -1,20 +1,24 @@
 """All of a scene's files -> overlay.png, manifest.json, report.html.
 
 The manifest says what the result was made from and how far to trust it; the report shows it to a person. It
-is written last, so that Make, which looks at the report, finds a manifest and an overlay that belong to it.
+is written last, so that Make, which looks at the report, finds a manifest and an overlay that belong to it. Pictures of
+a photograph larger than its working size are made from images of that size, but for the foggy one.
 """
 
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.canvas import LONG_SIDE
 from pipeline.imaging.display import (
     FLOAT_KINDS, LONGEST, data_uri, depth_picture, display_exposure, displayed, shrunk, tone_factor, write_png)
+from pipeline.imaging.map_strips import MapReader
 from pipeline.imaging.maps import read_map
 from pipeline.imaging.overlay import COLOURS, overlay
 from pipeline.imaging.overlay_outdoors import OpenAir
@@ -25,7 +29,7 @@ from pipeline.reporting.manifest import links, manifest_of, run_seconds, stage_s
 from pipeline.reporting.outdoors import fog_rows, open_air, own_shapes, patch_rows, region_rows
 from pipeline.reporting.page import page
 from pipeline.reporting.planned import in_words, outcome, shortcomings
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.scene.artefacts import image_camera, image_size, read_fog, read_json, read_placed, working, write_json
 from pipeline.scene.placed import PlacedScene
 
 PARTS = ("photograph", "camera", "depth", "shapes", "lights", "strengths", "illumination", "sun_direction", "fog",
@@ -44,10 +48,11 @@ def run(build: Build) -> None:
     artefacts["suns"] = read_json(build.sun_direction)["suns"] if build.sun_direction.exists() else {}
     parameters = {part: read_json(build.input(part)) for part in PARTS}
     scene, medium = read_placed(build), read_fog(build)
-    radiance, depth = read_map(build.photograph), read_map(build.depth)
+    images = working(build)
+    radiance, depth = _shrunk(build.photograph, image_size(build)[::-1]), read_map(images.depth)
 
     exposure = display_exposure(radiance) if artefacts["facts"]["suffix"] in FLOAT_KINDS else 1.0
-    air = open_air(artefacts["geometry"], parameters, read_map(build.surfaces))
+    air = open_air(artefacts["geometry"], parameters, read_map(images.surfaces))
     drawn = overlay(displayed(shrunk(radiance, LONG_SIDE[1]), exposure), scene.camera,
                     own_shapes(scene.shapes, artefacts["geometry"]), scene.lights, depth,
                     corner_fits(parameters["shapes"], scene), air)
@@ -65,12 +70,12 @@ def run(build: Build) -> None:
         print(f"  note: {one['text']}", file=sys.stderr, flush=True)
 
     told = notices(artefacts) + shortcomings(planned) + [{"stage": "render", "text": text} for text in manifest["povray_warnings"]]
-    pictures = _pictures(build, artefacts["plan"], radiance, depth, drawn, exposure)
+    pictures = _pictures(images, artefacts["plan"], radiance, depth, drawn, exposure)
     text = page(
         build, pictures=pictures, notices=told,
         lights=light_rows(artefacts["illumination"], read_json(build.input("gains"))),
         suns=sun_rows(artefacts["suns"]), camera=camera_facts(scene.camera, artefacts["camera"]),
-        residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, scene.camera, depth),
+        residuals=artefacts["geometry"]["residuals_pixel"], fog=fog_facts(medium, image_camera(images), depth),
         regions=region_rows(artefacts["geometry"]), patches=patch_rows(artefacts["illumination"]),
         illumination=artefacts["illumination"], fogs=fog_rows(build), key=_key(scene, air, parameters),
         seconds=seconds, planned=planned and in_words(planned), errors=errors, manifest=manifest, plan=artefacts["plan"], facts=artefacts["facts"],
@@ -99,10 +104,11 @@ def _pictures(build: Build, plan: dict, radiance: np.ndarray, depth: np.ndarray,
     def picture(linear, factor):
         return data_uri(displayed(shrunk(linear), factor))
 
+    width, height = image_size(build.full)
     ramp, near, far, logarithmic = depth_picture(depth, read_json(build.geometry).get("sky_depth_m"))
-    foggy = radiance if plan["fog_is_clear"] else read_map(build.foggy(".exr"))
+    foggy = radiance if plan["fog_is_clear"] else _shrunk(build.foggy(".exr"), (height, width))
     pictures = {
-        "width": radiance.shape[1], "height": radiance.shape[0], "photograph": picture(radiance, exposure),
+        "width": width, "height": height, "photograph": picture(radiance, exposure),
         "foggy": picture(foggy, exposure), "depth": data_uri(shrunk(ramp)), "near": near, "far": far,
         "logarithmic": logarithmic,
         "overlay": data_uri(shrunk(drawn, LONGEST + 100), 90), "in_scattering_lights": []}
@@ -121,3 +127,18 @@ def _pictures(build: Build, plan: dict, radiance: np.ndarray, depth: np.ndarray,
                 "name": light, "factor": factor, "black": not one.any(), "picture": picture(one, factor),
                 "share": float(one.sum(dtype=float) / max(total.sum(dtype=float), 1e-300))})
     return pictures
+
+
+def _shrunk(path: Path, size: tuple[int, int]) -> np.ndarray:
+    """A map of this size (H, W), no larger than its pictures need, read some rows at a time."""
+    height, width = size
+    rows = max(size) // LONG_SIDE[1]
+    if rows < 2:
+        return read_map(path)
+    reader = MapReader(path, size)
+    # whole numbers of rows are averaged at once; the rest `shrunk` does
+    parts = []
+    for top in range(0, height - rows + 1, 64 * rows):
+        strip = reader.rows(top, min(top + 64 * rows, height // rows * rows))
+        parts.append(cv2.resize(strip, (max(1, width // rows), len(strip) // rows), interpolation=cv2.INTER_AREA))
+    return np.concatenate(parts)
