@@ -40,6 +40,9 @@ def run(build: Build) -> None:
     albedos = [illumination["face_albedo"].get(face, [0.5] * 3) for face, _ in scene.faces()]
     suns = [name for name in plan["lights"] if isinstance(scene.lights[name], Sun)]
     lamps = [name for name in plan["lights"] if name not in suns and scene.rendered(name)]
+    if not lamps + suns:
+        raise InputError("no light of it can be rendered with surfaces and fog at once: nothing to check",
+                         place=str(build.scene_file), remedy="try a scene with lamps, or sun through windows")
     scattered = Scattered(build)
     depth, transmittance = scattered.depth, scattered.transmittance(lamps + suns)
     in_scattering = sum(scattered.by(light) for light in lamps + suns)
