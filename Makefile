@@ -198,7 +198,7 @@ all: $(O)/report.html
 # Always looked at, but a part of the scene that did not change keeps its time stamp.
 SHARED_INPUTS := $(addprefix $(S)/inputs/,photograph.json camera.json depth.json shapes.json lights.json strengths.json \
                    illumination.json sun_direction.json exporter.json templates.json plugins.json demand.json)
-FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json fog_files.json render.json gains.json)
+FOG_INPUTS := $(addprefix $(O)/inputs/,fog.json fog_files.json render.json composite.json gains.json)
 resolve: $(READY) | povray
 	@$(owner) $(PY) -m pipeline resolve
 ifeq ($(dry_run),)
@@ -237,7 +237,7 @@ $(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.
   $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
 	$(run) decompose
-$(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json \
+$(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json $(O)/inputs/composite.json \
   $(addprefix pipeline/,physics/composition.py physics/enlarging.py rendering/enlarged.py imaging/map_strips.py) \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,composite)
 	$(run) composite
@@ -271,7 +271,7 @@ calibrate: $(READY) | povray
 	$(run) calibrate
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size photos photograph schema plugins digests clean help
+.PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances photos photograph schema plugins digests clean help
 test: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -289,6 +289,9 @@ bench bench-record: setup
 
 bench-full-size: setup
 	@$(PY) -m tests.benchmarks.full_size
+
+bench-tolerances: setup
+	@$(PY) -m tests.benchmarks.tolerances --build $(BUILD)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -337,6 +340,7 @@ help:
 	@echo "  make bench-record        the same, kept in tests/benchmarks/results.md and history.csv"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
+	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; an hour"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"

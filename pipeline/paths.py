@@ -83,7 +83,7 @@ class Build:
 
     def input(self, part: str) -> Path:
         """One resolved part of the scene file; a part that did not change keeps its time stamp."""
-        folder = self.out if part in ("fog", "fog_files", "render", "gains") else self.shared
+        folder = self.out if part in ("fog", "fog_files", "render", "composite", "gains") else self.shared
         return folder / "inputs" / f"{part}.json"
 
     @property

@@ -167,3 +167,21 @@ def test_results_of_an_earlier_fog_go(tiny_scene):
     assert not list(build.out.glob("in_scattering_*.exr"))
     assert not list(build.runs.glob("*.exr")) and not list(build.pov.glob("*.pov"))
     assert (read_map(build.transmittance) == 1).all() and not read_map(build.in_scattering()).any()
+
+
+@pytest.mark.parametrize("fog", [None, "fog.visibility=.inf"])
+@pytest.mark.parametrize("working_size", ["null", "64"])
+def test_exposure(fog, working_size, tiny_scene):
+    """A stop more is twice as bright; the rest of the results stay, and nothing is rendered for it."""
+    write_png = imagecodecs.png_encode(np.tile(np.linspace(10, 90, 96)[None, :, None], (72, 1, 3)).astype(np.uint8))
+    (tiny_scene.folder / "photograph.png").write_bytes(write_png)
+    asked = (f"photograph.working_size={working_size}", *([fog] if fog else []))
+    assert tiny_scene.run(overrides=asked) == 0
+    build = tiny_scene.build
+    assert (build.shared / "working").exists() == (working_size == "64")
+    before, maps = read_map(build.foggy(".exr")), read_map(build.transmittance)
+    assert tiny_scene.run("resolve", "composite", "report", overrides=(*asked, "composite.exposure=1")) == 0
+    np.testing.assert_allclose(read_map(build.foggy(".exr")), 2 * before, rtol=1e-3)
+    assert np.array_equal(read_map(build.transmittance), maps)
+    assert read_metadata(build.foggy(".exr"))["fog:exposure_ev"] == 1
+    assert build.foggy(".png").read_bytes() != (tiny_scene.folder / "photograph.png").read_bytes()

@@ -132,6 +132,7 @@ def test_second_run_does_nothing(scene):
 
 @pytest.mark.parametrize("edit, redone", [
     ((), []),
+    (("composite.exposure=1",), ["composite", "report"]),
     (("lights.lamp.gain=2",), FROM["decompose"]),
     (("lights.lamp.radiance=[1, 2, 3]",), FROM["illumination"]),
     (("fog.visibility=4",), FROM["plan"]),

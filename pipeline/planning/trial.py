@@ -16,7 +16,7 @@ STAGES = ("plan", "emit", "render", "decompose", "composite")
 #: Of these, what enlarges the maps of a large photograph; all else works at its working size.
 FULL_SIZE = {"composite"}
 #: What a fog's stages read of the scene file.
-INPUTS = ("fog", "fog_files", "gains", "render")
+INPUTS = ("fog", "fog_files", "gains", "render", "composite")
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ MAX_FILE_BYTES = 512 * 2**20
 #: Share of a pixel that a lamp's glare covers.
 THIN = 1e-4
 #: Counts up when a file between stages gets another meaning; a build of another number is made anew.
-FORMAT = 2
+FORMAT = 3
 SURFACES = {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"}
 EDGES = {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"}
 EDGE_COLOURS = {"front": {"fog:content": "radiance of the front layer"},

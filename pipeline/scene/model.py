@@ -132,10 +132,6 @@ class RenderSettings(Model):
     checked_pixels: Annotated[int, Field(ge=0, le=10000)] | None = parameter(
         None, "1", description="made as finely as it takes, to estimate the error of all: 80 for draft, 160 for normal, 320"
                                " for final quality when left out; 0 for no estimate")
-    restore_clipped_lamps: bool = parameter(
-        True,
-        description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn"
-                    " them grey")
     threads: int | None = parameter(None, "1", ge=1, le=512,
                                     description="POV-Ray's work threads; all cores when left out")
     max_light_samples: float = parameter(
@@ -143,6 +139,17 @@ class RenderSettings(Model):
                                               " samples, times the small lights that stand for each light")
     timeout: float = parameter(1800.0, "s", gt=0, le=86400,
                                description="a single POV-Ray run that takes longer is stopped")
+
+
+class CompositeSettings(Model):
+    """How the foggy photograph is put together from T and V; a change renders nothing."""
+
+    exposure: float = parameter(
+        0.0, "EV", ge=-20, le=20, description="stops by which the foggy photograph is brighter, as if exposed for it")
+    restore_clipped_lamps: bool = parameter(
+        True,
+        description="gives burnt-out pixels of lamps their estimated radiance, so that fog does not turn"
+                    " them grey")
 
 
 def first_in_pixels(value: Any, at: tuple = ()) -> tuple | None:
@@ -188,6 +195,7 @@ def scene_model() -> type[Model]:
         fogs: dict[FogName, Medium] = parameter({}, description="further fogs; `fog=NAME` picks one",
                                              max_length=500)
         render: RenderSettings = RenderSettings()
+        composite: CompositeSettings = CompositeSettings()
         exporter: Exporter = parameter({"type": "povray"}, description="renderer's language")
 
         @model_validator(mode="after")

@@ -25,7 +25,10 @@ def run(build: Build) -> None:
     reduced = working(build).reduced
     strips = enlarged(build, read_json(build.plan)["lights"], metadata) if reduced else None
     metadata = {**metadata, "fog:content": "foggy photograph, linear scene-referred Rec.709"}
-    if read_json(build.plan)["fog_is_clear"]:
+    settings, clear = read_json(build.input("composite")), read_json(build.plan)["fog_is_clear"]
+    if settings["exposure"]:
+        metadata["fog:exposure_ev"] = settings["exposure"]
+    elif clear:
         for _ in strips or ():
             pass
         if photograph.suffix != ".exr":
@@ -33,7 +36,7 @@ def run(build: Build) -> None:
         for suffix in dict.fromkeys((photograph.suffix, ".png")):
             photographs.write_unchanged(build.foggy(suffix), photograph)
         return
-    restore = read_json(build.input("render"))["restore_clipped_lamps"]
+    restore = settings["restore_clipped_lamps"] and not clear
     shown = _lamps(build) if restore else {}
     if reduced:
         foggy = _by_strips(build, photograph, strips, shown)
@@ -46,6 +49,8 @@ def run(build: Build) -> None:
         foggy = composite(radiance, *(read_map(path, radiance.shape[:2])
                                       for path in (build.transmittance, build.in_scattering())))
         foggy = foggy.astype(np.float32)
+    if settings["exposure"]:
+        foggy *= np.float32(2.0 ** settings["exposure"])
     if photograph.suffix != ".exr":
         _write_linear(build, foggy, photograph, metadata, reduced)
     if photograph.suffix == ".png":

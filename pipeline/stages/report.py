@@ -33,7 +33,7 @@ from pipeline.scene.artefacts import image_camera, image_size, read_fog, read_js
 from pipeline.scene.placed import PlacedScene
 
 PARTS = ("photograph", "camera", "depth", "shapes", "lights", "strengths", "illumination", "sun_direction", "fog",
-         "render")
+         "render", "composite")
 #: What the overlay's colours mean.
 KEY = {"room": "room", "shape": "shapes; thin where hidden", "support": "ground", "vertical": "upright regions",
        "sky": "sky", "map": "by the depth map", "foot": "foot lines, posts", "sunlit": "in the sun, sunlight",
@@ -106,7 +106,8 @@ def _pictures(build: Build, plan: dict, radiance: np.ndarray, depth: np.ndarray,
 
     width, height = image_size(build.full)
     ramp, near, far, logarithmic = depth_picture(depth, read_json(build.geometry).get("sky_depth_m"))
-    foggy = radiance if plan["fog_is_clear"] else _shrunk(build.foggy(".exr"), (height, width))
+    unchanged = plan["fog_is_clear"] and not read_json(build.input("composite"))["exposure"]
+    foggy = radiance if unchanged else _shrunk(build.foggy(".exr"), (height, width))
     pictures = {
         "width": width, "height": height, "photograph": picture(radiance, exposure),
         "foggy": picture(foggy, exposure), "depth": data_uri(shrunk(ramp)), "near": near, "far": far,

@@ -47,6 +47,7 @@ def run(build: Build, overrides: dict[str, str]) -> Model:
                       for name in scene.fog.files()},
         "fogs": {name: fog.model_dump(mode="json") for name, fog in scene.fogs.items()},
         "render": scene.render.model_dump(mode="json"),
+        "composite": scene.composite.model_dump(mode="json"),
     }
     if scene.camera.fspy:
         parts["camera"]["fspy_sha256"] = _sha256(inside(build, scene.camera.fspy, fspy_at), fspy_at)
