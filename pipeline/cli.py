@@ -157,8 +157,8 @@ def _ladder(options) -> None:
 def _stage(build: Build, name: str, options) -> None:
     if name != "resolve":
         print(f"{name}: {STAGES.get(name, 'checking')}", file=sys.stderr, flush=True)
-    module = importlib.import_module(f"pipeline.stages.{name}")
     start = time.monotonic()
+    module = importlib.import_module(f"pipeline.stages.{name}")
     if name == "resolve":
         module.run(build, _overrides(options))
     else:

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
-from pipeline.planning.model import Calibration, concerned, demands_from_json, seconds_of
+from pipeline.planning.model import HALF_SHADOWS, Calibration, concerned, demands_from_json, level_of, seconds_of
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
@@ -59,7 +60,7 @@ def calibrate(scenes: Path, builds: Path) -> Path:
         print(f"  {line}", file=screen, flush=True)
 
     with quiet():
-        constants = seconds(made[2], made[0])
+        constants = seconds(made[2], made[0], made)
         told("seconds: " + ", ".join(f"{name} {value:.2g}" for name, value in constants.items()))
         records = measured_errors(made, told)
     found = laws(records)
@@ -91,7 +92,8 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
             for level in levels:
                 one = _trial(build, replace(FINE, **{knob: level}))
                 added = _added(one["error"]["in_scattering"], base["error"]["in_scattering"])
-                records.append({"case": case, "knob": knob, "level": level, "error": added / share})
+                records.append({"case": case, "knob": knob, "error": added / share,
+                                "level": level_of(base["demands"], replace(FINE, **{knob: level}), knob)})
                 told(f"{case}: {knob} {level}: V {added:.2%}")
         if any(one.half_shadow[MIDPOINT] > 0 for one in base["demands"].lights):
             surfaces = base["demands"].surfaces
@@ -115,19 +117,24 @@ def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
         slopes = []
         for case in {one["case"] for one in own}:
             points = np.log([(one["level"], one["error"]) for one in own if one["case"] == case])
-            if len(points) > 1:
+            # where fog takes more samples than were asked for, all of these are one level
+            if len(set(points[:, 0])) > 1:
                 slopes.append(np.polyfit(*points.T, 1)[0])
         exponent = float(np.clip(np.median(slopes), low, high)) if slopes else (low + high) / 2
         factors = [one["error"] * one["level"] ** -exponent for one in own]
         found[knob] = [float(np.quantile(factors, QUANTILE)) if factors else 0.0, exponent]
-    factors = [one["error"] for one in records if one["knob"] == "half_shadow"]
-    found["half_shadow"] = [float(np.quantile(factors, QUANTILE)) if factors else 0.1]
+    found["half_shadow"] = []
+    for way in HALF_SHADOWS:
+        factors = [one["error"] for one in records if (one["knob"], one["level"]) == ("half_shadow", way)]
+        found["half_shadow"].append(float(np.quantile(factors, QUANTILE)) if factors else 1.0)
     return found
 
 
-def seconds(room: Build, lit: Build) -> dict[str, float]:
-    """Time constants. room: an interior with lamps and a shaft of sun; lit: a scene of few faces and one lamp."""
-    made = {build: trial.run(build, "calibrate", {**as_json(FINE), "quality": "final"}) for build in (room, lit)}
+def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
+    """Time constants. room: an interior with lamps and a shaft of sun; lit: a scene of few faces and one lamp; builds: what
+    whole chains are timed on."""
+    for build in (room, lit):
+        trial.run(build, "calibrate", {**as_json(FINE), "quality": "final"})
     wait, start = _render_once(lit, replace(_run_of(lit, "shadows"), width=1, height=1, samples=1))
     per_sample, faces = {}, {}
     for build in (room, lit):
@@ -146,14 +153,19 @@ def seconds(room: Build, lit: Build) -> dict[str, float]:
                  "fixed": 0.0, "megapixel": 0.0, "megapixel_of_light": 0.0}
     # what is left of whole chains, over their megapixels and lights
     left, rows = [], []
-    for build, taken in made.items():
-        demand = demands_from_json(read_json(trial.of(build, "calibrate").plan)["demands"])
-        known = seconds_of(demand, FINE, Calibration(constants, {}, os.cpu_count() or 1, ""))
-        left.append(sum(taken.values()) - known)
-        rows.append(demand.megapixels * (1 + 0.5 * len(demand.lights)))
-    per_megapixel = max((left[0] - left[1]) / (rows[0] - rows[1]), 0.2)
-    constants["megapixel"], constants["megapixel_of_light"] = per_megapixel, 0.5 * per_megapixel
-    constants["fixed"] = max(left[1] - per_megapixel * rows[1], 0.3) + _python_start()
+    for build in builds:
+        for quality in ("draft", "normal"):
+            taken = trial.run(build, "calibrate", {"quality": quality})
+            plan = read_json(trial.of(build, "calibrate").plan)
+            demand = demands_from_json(plan["demands"])
+            known = seconds_of(demand, Fineness(**plan["fineness"]), Calibration(constants, {}, os.cpu_count() or 1, ""))
+            left.append(sum(taken.values()) - known)
+            rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights)])
+    # each counts by its share of what it took, none below nothing
+    weights = 1 / np.maximum(left, 0.3)
+    fitted = nnls(np.array(rows) * weights[:, None], np.array(left) * weights)[0]
+    constants |= dict(zip(("fixed", "megapixel", "megapixel_of_light"), map(float, fitted)))
+    constants["fixed"] += _imports()
     return constants
 
 
@@ -201,8 +213,9 @@ def _glow(build: Build) -> tuple[float, float]:
     return float(np.exp(factor)), float(exponent)
 
 
-def _python_start() -> float:
-    """Seconds by which the stages' processes start."""
-    start = time.monotonic()
-    subprocess.run([sys.executable, "-c", "import pipeline.stages.plan"], check=True)
-    return len(trial.STAGES) * (time.monotonic() - start)
+def _imports() -> float:
+    """Seconds that the stages' processes take to import what they need."""
+    timed = ("import time; import pipeline.cli; start = time.monotonic(); import pipeline.stages.{};"
+             " print(time.monotonic() - start)")
+    return sum(float(subprocess.run([sys.executable, "-c", timed.format(stage)], check=True, capture_output=True, text=True
+                                    ).stdout) for stage in trial.STAGES)

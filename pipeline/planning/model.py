@@ -16,11 +16,13 @@ import numpy as np
 from pipeline import paths
 from pipeline.errors import InputError
 from pipeline.planning.demands import GLOW, RENDERED, SHAFT, SINGLE, Demands, LightDemand
-from pipeline.rendering.fineness import AREA, INTEGRATED, Fineness
+from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
 from pipeline.rendering.runs import glow_size
 
 #: Constants as measured on one machine; those of this machine stand in the build folder once `make calibrate` ran.
 CARRIED = Path(__file__).with_name("calibration.json")
+#: Ways of making T without a render, in the order of their factors.
+HALF_SHADOWS = (INTEGRATED, MIDPOINT)
 #: So many times as far off are a bulb's samples where all of its V is rendered, and not only what shadows take.
 WHOLE_PEAK = 4.0
 #: Works whose V a knob has a say in, and whether in shadows that are blurred, in others, or in all.
@@ -46,6 +48,8 @@ def calibration(builds: Path | None = None) -> Calibration:
     path = own if own is not None and own.is_file() else CARRIED
     try:
         stated = json.loads(path.read_text(encoding="utf-8"))
+        if len(stated["error"]["half_shadow"]) != len(HALF_SHADOWS):
+            raise ValueError("half_shadow is of another version")
         return Calibration({k: float(v) for k, v in stated["seconds"].items()},
                            {k: [float(x) for x in v] for k, v in stated["error"].items()}, int(stated["cores"]), path.name)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -78,7 +82,7 @@ def _render_seconds(demand: Demands, light: LightDemand, fineness: Fineness, c: 
     # uneven fog: each sample is lit through as many again
     steps = max(demand.steps, 1)
     through = steps if demand.steps > 1 else 1
-    fewest = max(steps, min(demand.depth, 12.0) / fineness.optical_step)
+    fewest = fewest_samples(demand, fineness)
     side = min(light.side, fineness.shadow_lights)
     if light.work == GLOW and light.shadows:
         lights = light.sub_lights * (side / light.side) ** 2
@@ -94,6 +98,17 @@ def _render_seconds(demand: Demands, light: LightDemand, fineness: Fineness, c: 
     return 0.0
 
 
+def fewest_samples(demand: Demands, fineness: Fineness) -> float:
+    """Points along a ray that dense or uneven fog takes, however few are asked for."""
+    return max(demand.steps, 1, min(demand.depth, 12.0) / fineness.optical_step)
+
+
+def level_of(demand: Demands, fineness: Fineness, knob: str) -> float:
+    """At what a knob is in effect."""
+    level = getattr(fineness, knob)
+    return max(level, fewest_samples(demand, fineness)) if knob in ("samples", "shaft_samples") else level
+
+
 def error_of(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
     """Relative error of the foggy photograph, as `accuracy.relative_error` counts it."""
     return float(np.sqrt(sum(one**2 for one in errors_of(demand, fineness, constants).values())))
@@ -102,14 +117,14 @@ def error_of(demand: Demands, fineness: Fineness, constants: Calibration) -> flo
 def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> dict[str, float]:
     """The same by what makes it."""
     return {
-        **{knob: concerned(demand, knob) * _law(constants, knob, getattr(fineness, knob)) for knob in CONCERNS},
+        **{knob: concerned(demand, knob) * _law(constants, knob, level_of(demand, fineness, knob)) for knob in CONCERNS},
         "transmittance": _half_shadow(demand, fineness, constants)}
 
 
 def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
     way = fineness.transmittance
     if way != AREA:
-        return constants.error["half_shadow"][0] * demand.half_shadow(way)
+        return constants.error["half_shadow"][HALF_SHADOWS.index(way)] * demand.half_shadow(way)
     if fineness.transmittance_size >= max(demand.width, demand.height):
         return 0.0
     # a smaller render blurs half-shadows, by which the ways of a lamp's parts differ

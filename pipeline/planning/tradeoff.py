@@ -15,7 +15,7 @@ from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build
 from pipeline.planning import trial
 from pipeline.planning.calibrate import FINE, LEVELS, quiet
-from pipeline.planning.model import calibration, demands_from_json, error_of, seconds_of
+from pipeline.planning.model import calibration, concerned, demands_from_json, error_of, seconds_of
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.scene.artefacts import read_json
 
@@ -29,7 +29,7 @@ SEARCHED: dict[str, list[Any]] = {
     "in_scattering_size": [48, 96, 192], "shadow_size": [24, 48, 96], "samples": [6, 16, 40], "shaft_samples": [8, 24, 96],
     "transmittance": [INTEGRATED, AREA]}
 #: Of all combinations, those that the model holds for the best are tried.
-TRIED = 14
+TRIED = 12
 #: Pixels made as finely as it takes, to which all are compared.
 PIXELS = 400
 FIELDS = ["kind", "knob", "level", "seconds", "relative_error", "transmittance", "in_scattering", "expected_seconds",
@@ -39,14 +39,16 @@ FIELDS = ["kind", "knob", "level", "seconds", "relative_error", "transmittance",
 def tradeoff(build: Build) -> list[dict[str, Any]]:
     """Makes the fog some fifty times -> rows of FIELDS, also written as tradeoff.csv and, with matplotlib, tradeoff.png."""
     rows = []
-    levels = {knob: [*LEVELS.get(knob, []), *FURTHER.get(knob, [])] for knob in {**LEVELS, **FURTHER}}
+    demand = demands_from_json(read_json(build.plan)["demands"])
+    # a knob of what the scene has not changes nothing
+    had = {"transmittance": demand.half_shadow(MIDPOINT) > 0, **{knob: concerned(demand, knob) > 0 for knob in LEVELS}}
+    levels = {knob: [*LEVELS.get(knob, []), *FURTHER.get(knob, [])] for knob in {**LEVELS, **FURTHER} if had[knob]}
     first = _measured(build, "knob", "all fine", "", as_json(FINE))
     rows.append(first)
     for knob, values in levels.items():
         for value in values:
             if getattr(FINE, knob) != value:
                 rows.append(_measured(build, "knob", knob, value, as_json(replace(FINE, **{knob: value}))))
-        # a knob of what the scene has not changes nothing
         own = [row for row in rows if row["knob"] == knob]
         if all(row["relative_error"] == first["relative_error"] for row in own):
             rows = [row for row in rows if row["knob"] != knob]
