@@ -104,7 +104,7 @@ def draw(rows: list[dict[str, Any]], title: str, path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot, ticker
 
     figure, axes = pyplot.subplots(figsize=(7.2, 4.6), layout="constrained")
     markers = iter("osv^<>DPX*")
@@ -126,6 +126,11 @@ def draw(rows: list[dict[str, Any]], title: str, path: Path) -> None:
               color="tab:red", linewidth=1, label="Pareto front")
     axes.set(xscale="log", yscale="log", xlabel="plan to foggy photograph [s]", ylabel="relative error of the foggy photograph",
              title=title)
+    for axis, form in ((axes.xaxis, "{:g}"), (axes.yaxis, "{:.3g} %")):
+        factor = 100 if "%" in form else 1
+        axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 3, 5, 7)))
+        axis.set_major_formatter(ticker.FuncFormatter(lambda value, _, form=form, factor=factor: form.format(factor * value)))
+        axis.set_minor_formatter(ticker.NullFormatter())
     axes.grid(True, which="both", linewidth=0.3)
     axes.legend(fontsize=7, ncols=2)
     with replacing(path) as name:
