@@ -340,7 +340,7 @@ help:
 	@echo "  make bench-record        the same, kept in tests/benchmarks/results.md and history.csv"
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
-	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; an hour"
+	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"

@@ -35,10 +35,6 @@ STAGES = {
 }
 
 
-#: What works at the photograph's own size; all else at its working size.
-FULL_SIZE = {"photograph", "camera", "composite", "report", "export"}
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Runs one subcommand; 0, or 2 after one line about a person's mistake."""
     try:
@@ -162,10 +158,10 @@ def _stage(build: Build, name: str, options) -> None:
     if name == "resolve":
         module.run(build, _overrides(options))
     else:
-        from pipeline.scene.artefacts import working, write_json
+        from pipeline.scene.artefacts import for_stage, write_json
 
         with at_work(build):
-            module.run(build if name in FULL_SIZE else working(build), *([options.to] if name == "export" else []))
+            module.run(for_stage(build, name), *([options.to] if name == "export" else []))
 
         write_json(build.seconds / f"{name}.json", round(time.monotonic() - start, 3))
 

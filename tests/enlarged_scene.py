@@ -8,9 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from ruamel.yaml import YAML
 
 SCENES = Path(__file__).parents[1] / "scenes"
+#: Pixels round a step of depth that count as its crop.
+CROP = 24
+#: Light that is not seen: relative errors count from here on.
+DARK = 0.02
 #: Keys of scene files whose numbers are pixels of the photograph.
 IN_PIXELS = {"pixels", "pixel", "foot", "tip", "shadow", "horizon", "corners", "edges", "lines", "above", "radius", "holes"}
 
@@ -32,6 +37,19 @@ def enlarged_scene(name: str, longer_side: int, folder: Path, **photograph: Any)
     if "depth" in scene:
         scene["depth"]["refine"] = {"radius": round(6 * factor)}
     (folder / "scene.yaml").write_text(json.dumps(scene, indent=1))  # JSON is YAML
+
+
+def round_edges(depth: np.ndarray) -> np.ndarray:
+    """Pixels (H, W) within CROP of a step of depth (H, W)."""
+    around = np.ones((3, 3), np.uint8)
+    steps = cv2.dilate(depth, around) > 1.05 * cv2.erode(depth, around)
+    return cv2.dilate(steps.astype(np.uint8), np.ones((2 * CROP + 1, 2 * CROP + 1), np.uint8)) > 0
+
+
+def relative_error(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """(H, W): of each pixel's worst channel, by its brightest, or by DARK of the map's bright parts."""
+    scale = np.maximum(theirs.max(-1, keepdims=True), DARK * np.percentile(theirs, 99))
+    return (np.abs(ours - theirs) / scale).max(-1)
 
 
 def _scaled(value: Any, factor: float, in_pixels: bool = False) -> Any:

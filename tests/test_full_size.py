@@ -21,13 +21,9 @@ from pipeline.paths import Build
 from pipeline.physics.enlarging import Enlarging, Pixels, Small, layer_values
 from pipeline.scene.artefacts import image_camera, read_json, read_placed, working
 from tests.conftest import CHAIN
-from tests.enlarged_scene import enlarged_scene
+from tests.enlarged_scene import enlarged_scene, relative_error, round_edges
 
 GEOMETRY = ("resolve", "photograph", "camera", "geometry")
-#: Of what a map says of an edge's surroundings [pixel].
-CROP = 24
-#: Light that is not seen: relative errors count from here on.
-DARK = 0.02
 
 
 def run(folder: Path, name: str, stages=CHAIN, *overrides: str) -> Build:
@@ -38,24 +34,11 @@ def run(folder: Path, name: str, stages=CHAIN, *overrides: str) -> Build:
     return build
 
 
-def edges_of(depth: np.ndarray) -> np.ndarray:
-    """Pixels within a crop round a step of depth."""
-    around = np.ones((3, 3), np.uint8)
-    steps = cv2.dilate(depth, around) > 1.05 * cv2.erode(depth, around)
-    return cv2.dilate(steps.astype(np.uint8), np.ones((2 * CROP + 1, 2 * CROP + 1), np.uint8)) > 0
-
-
-def off(ours: np.ndarray, theirs: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Relative error (n,) of the worst channel."""
-    scale = np.maximum(theirs.max(-1, keepdims=True), DARK * np.percentile(theirs, 99))
-    return (np.abs(ours - theirs) / scale).max(-1)[where]
-
-
 def compare(ours: Build, theirs: Build) -> None:
-    where = edges_of(read_map(theirs.depth))
+    where = round_edges(read_map(theirs.depth))
     assert where.mean() > 0.02, "a test of edges needs some"
     for name in ("foggy.exr", "transmittance.exr", "in_scattering.exr"):
-        error = off(read_map(ours.out / name), read_map(theirs.out / name), where)
+        error = relative_error(read_map(ours.out / name), read_map(theirs.out / name))[where]
         # what is enlarged is smooth within a surface, and edges stand where they do at full size
         assert np.median(error) <= 0.02 and np.percentile(error, 99) <= 0.1, name
 
@@ -153,7 +136,7 @@ def test_room_against_full_size(tiny_scene):
     creases = cv2.dilate((np.abs(cv2.Laplacian(inverse, -1)) > 1e-4).astype(np.uint8), np.ones((25, 25))) > 0
     assert creases.mean() > 0.1
     for name in maps[0]:
-        error = off(maps[0][name], maps[1][name], creases)
+        error = relative_error(maps[0][name], maps[1][name])[creases]
         assert np.median(error) <= 0.02 and np.percentile(error, 99) <= 0.1, name
 
 

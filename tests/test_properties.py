@@ -96,8 +96,9 @@ def test_transmittance_lies_between_those_of_the_lights(lights, eye):
     arriving = [(np.full(3, strength), np.full((1, 1, 3), clear), np.full((1, 1, 3), clear * through),
                  np.zeros((1, 1, 3)), np.zeros((1, 1, 3))) for strength, clear, through in lights]
     t = combined_transmittance(np.full((1, 1, 3), eye), arriving)
-    lit = [through for strength, clear, through in lights if strength * clear > 1e-200] or [eye]
-    if any(0 < strength * clear <= 1e-200 for strength, clear, _ in lights):
+    lit = [through for strength, clear, through in lights if strength * clear > 1e-290] or [eye]
+    if any(strength * clear > 0 and through > 1e-200 and strength * clear * through <= 1e-290
+           or 0 < strength * clear <= 1e-290 for strength, clear, through in lights):
         return  # so little light that its products underflow
-    # a T below 1e-60 may underflow on the way
-    assert min(lit) * (1 - 1e-12) - 1e-60 <= t.min() and t.max() <= max(lit) * (1 + 1e-12)
+    # what is below 1e-200 may underflow on the way
+    assert min(lit) * (1 - 1e-12) - 1e-200 <= t.min() and t.max() <= max(lit) * (1 + 1e-12)

@@ -50,7 +50,7 @@ def centres(size: tuple[int, int], small: tuple[int, int]) -> list[np.ndarray]:
 
 
 def bilinear(values: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """An image (h, w, c) of at most four channels at rows y (n,), as of `centres`, and at `width` columns."""
+    """An image (h, w, c) at rows y (n,), as of `centres`, and at `width` columns."""
     y = np.clip(y, 0, len(values) - 1)
     y0 = np.floor(y).astype(np.int32)
     down = (y - y0)[:, None, None]

@@ -24,6 +24,7 @@ from pipeline.planning.model import HALF_SHADOWS, Calibration, concerned, demand
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
+from pipeline.rendering.fineness import from_json as fineness_from_json
 from pipeline.rendering.runs import from_json
 from pipeline.rendering.work import light_samples
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
@@ -158,7 +159,8 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
             taken = trial.run(build, "calibrate", {"quality": quality})
             plan = read_json(trial.of(build, "calibrate").plan)
             demand = demands_from_json(plan["demands"])
-            known = seconds_of(demand, Fineness(**plan["fineness"]), Calibration(constants, {}, os.cpu_count() or 1, ""))
+            known = seconds_of(demand, fineness_from_json(plan["fineness"]),
+                               Calibration(constants, {}, os.cpu_count() or 1, ""))
             left.append(sum(taken.values()) - known)
             rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights)])
     # each counts by its share of what it took, none below nothing

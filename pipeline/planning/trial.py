@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.paths import Build
-from pipeline.scene.artefacts import read_json, working, write_json
+from pipeline.scene.artefacts import for_stage, read_json, working, write_json
 
 STAGES = ("plan", "emit", "render", "decompose", "composite")
-#: Of these, what enlarges the maps of a large photograph; all else works at its working size.
-FULL_SIZE = {"composite"}
 #: What a fog's stages read of the scene file.
 INPUTS = ("fog", "fog_files", "gains", "render", "composite")
 
@@ -50,6 +48,6 @@ def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -
     for stage in STAGES:
         module = importlib.import_module(f"pipeline.stages.{stage}")
         start = time.monotonic()
-        module.run(trial.full if stage in FULL_SIZE else trial)
+        module.run(for_stage(trial, stage))
         seconds[stage] = time.monotonic() - start
     return seconds

@@ -26,6 +26,8 @@ MAX_FILE_BYTES = 512 * 2**20
 THIN = 1e-4
 #: Counts up when a file between stages gets another meaning; a build of another number is made anew.
 FORMAT = 3
+#: Stages that work at the photograph's own size; all others work at its working size.
+FULL_SIZE = {"photograph", "camera", "composite", "report", "export"}
 SURFACES = {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"}
 EDGES = {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"}
 EDGE_COLOURS = {"front": {"fog:content": "radiance of the front layer"},
@@ -116,6 +118,11 @@ def image_camera(build: Build) -> Camera:
 def working(build: Build) -> Build:
     """The build whose images have the working size; the same for a photograph that is no larger than that."""
     return replace(build, reduced="working_width_pixel" in read_json(build.photograph_facts))
+
+
+def for_stage(build: Build, stage: str) -> Build:
+    """The build as a stage is given it."""
+    return build.full if stage in FULL_SIZE else working(build)
 
 
 def image_size(build: Build) -> tuple[int, int]:

@@ -22,11 +22,9 @@ import numpy as np
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from tests.conftest import CHAIN
-from tests.enlarged_scene import enlarged_scene
+from tests.enlarged_scene import enlarged_scene, relative_error, round_edges
 
 SCENES, SMALL, MOST_RATIO, MOST_BYTES = ("building", "bathroom"), 0.5, 3.0, 3e9
-#: Pixels round a step of depth that count as its crop.
-CROP = 24
 
 
 def longer_side(scene: str, megapixels: float) -> int:
@@ -55,15 +53,10 @@ def errors(ours: Build, theirs: Build, pictures: Path | None = None) -> dict[str
 
     pictures: where the worst crop of each map goes, ours, theirs, and the error, white from 20 % on.
     """
-    depth = read_map(theirs.depth)
-    around = np.ones((3, 3), np.uint8)
-    steps = (cv2.dilate(depth, around) > 1.05 * cv2.erode(depth, around)).astype(np.uint8)
-    where = cv2.dilate(steps, np.ones((2 * CROP + 1, 2 * CROP + 1), np.uint8)) > 0
-    found = {}
+    where, found = round_edges(read_map(theirs.depth)), {}
     for name in ("foggy", "transmittance", "in_scattering"):
         one, other = (read_map(build.out / f"{name}.exr") for build in (ours, theirs))
-        scale = np.maximum(other.max(-1, keepdims=True), 0.02 * np.percentile(other, 99))
-        error = (np.abs(one - other) / scale).max(-1)
+        error = relative_error(one, other)
         found[name] = float(np.median(error[where])), float(np.percentile(error[where], 99))
         if pictures:
             _worst_crop(pictures / f"{pictures.name}_{name}.png", one, other, error * where)

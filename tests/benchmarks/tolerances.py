@@ -1,6 +1,6 @@
-"""Whether plans keep what is asked of them: every scene, three fogs, four tolerances; and whether estimates hold the truth.
+"""Whether plans keep what is asked of them: every scene, up to three fogs, four tolerances; and whether estimates hold the truth.
 
-`make bench-tolerances` runs it, an hour on two cores, and stops with status 1 where fewer than 95 % of the foggy pictures
+`make bench-tolerances` runs it, which takes long, and stops with status 1 where fewer than 95 % of the foggy pictures
 are within their tolerance. The true error is that of 600 pixels, each made as finely as it takes. The estimate is drawn
 again from 160 of them, as many as a scene's own check has, 20 times: how often is what it says "at most" not exceeded?
 Real photographs take part where they were fetched (`make photos`).
