@@ -34,11 +34,11 @@ TOLERANCES = [0.05, 0.02, 0.01, 0.005]
 SHARED = ("photograph", "camera", "geometry", "sun_direction", "illumination")
 PIXELS, OWN, DRAWS = 600, 160, 20
 SHARE_ASKED = 0.95
-FIELDS = ["scene", "fog", "tolerance", "seconds", "expected_seconds", "expected_error", "true_error", "estimate", "coverage"]
+FIELDS = ["scene", "fog", "tolerance", "expected_error", "true_error", "estimate", "coverage"]
 
 
 def measured(build: Build, tolerance: float) -> dict:
-    """One plan's seconds, what it expected, and the errors of what it made."""
+    """The error that one plan expected, and those of what it made; how long such a check takes says nothing of plans."""
     checked: dict = {}
 
     def keep(radiance, found, true, weights):
@@ -46,10 +46,10 @@ def measured(build: Build, tolerance: float) -> dict:
         return accuracy.error_estimate(radiance, found, true, weights)
 
     with quiet(), patch.object(decompose, "error_estimate", keep):
-        seconds = trial.run(build, "tolerances", {"tolerance": tolerance, "budget": None, "checked_pixels": PIXELS})
+        trial.run(build, "tolerances", {"tolerance": tolerance, "budget": None, "checked_pixels": PIXELS})
     expected = read_json(trial.of(build, "tolerances").plan)["expected"]
-    row = {"scene": build.scene, "fog": build.fog or "default", "tolerance": tolerance, "seconds": sum(seconds.values()),
-           "expected_seconds": expected["seconds"], "expected_error": expected["relative_error"],
+    row = {"scene": build.scene, "fog": build.fog or "default", "tolerance": tolerance,
+           "expected_error": expected["relative_error"],
            # what is in closed form throughout has nothing to be checked
            "true_error": 0.0, "estimate": 0.0, "coverage": 1.0}
     if checked:
@@ -85,18 +85,15 @@ def main() -> None:
                 continue
             for tolerance in TOLERANCES:
                 rows.append(row := measured(build, tolerance))
-                print(f"{scene}, fog {row['fog']}, tolerance {tolerance:g}: {row['true_error']:.2%} in {row['seconds']:.1f} s"
-                      f" ({row['expected_error']:.2%} and {row['expected_seconds']:.1f} s expected); estimate"
-                      f" {row['estimate']:.2%}, at most holds in {row['coverage']:.0%}", flush=True)
+                print(f"{scene}, fog {row['fog']}, tolerance {tolerance:g}: {row['true_error']:.2%}"
+                      f" ({row['expected_error']:.2%} expected); estimate {row['estimate']:.2%}, at most holds in {row['coverage']:.0%}", flush=True)
     with open(asked.build / "tolerances.csv", "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, FIELDS)
         table.writeheader()
         table.writerows(rows)
     met = np.mean([row["true_error"] <= row["tolerance"] for row in rows])
-    ratio = [row["seconds"] / row["expected_seconds"] for row in rows]
     print(f"{len(rows)} plans: {met:.1%} within their tolerance; estimates hold in"
-          f" {np.mean([row['coverage'] for row in rows]):.1%}; time {np.median(ratio):.2f} of what was expected"
-          f" ({min(ratio):.2f} to {max(ratio):.2f}); {asked.build / 'tolerances.csv'}")
+          f" {np.mean([row['coverage'] for row in rows]):.1%}; {asked.build / 'tolerances.csv'}")
     sys.exit(met < SHARE_ASKED)
 
 
