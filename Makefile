@@ -180,6 +180,11 @@ W := $(shell [[ -f $(S)/photograph.json && "$$(< $(S)/photograph.json)" == *work
 # whose make it is that works in the folder: one that was started by a make works for that one
 owner = FOG_MAKE=$${FOG_MAKE:-$$PPID}
 run = @$(owner) $(PY) -m pipeline
+# a fog's stages follow one another in one process, up to what is asked for; it notes for this make which it has done
+asked_for_files := %/plan.json %/emitted.json %/done.json %/maps.json
+ahead := $(if $(filter-out $(asked_for_files) %/foggy.png,$(goals)),report,$(if $(filter %/foggy.png,$(goals)),composite))
+this_make := $(shell echo "$$PPID.$${EPOCHREALTIME:-}.$$RANDOM$$RANDOM")
+chain = @grep -qsxF "$(this_make) $(1)" $(O)/.ahead || $(owner) FOG_AHEAD=$(ahead) FOG_RUN=$(this_make) $(PY) -m pipeline $(1)
 
 # what a stage is made from: its own source, and the packages that do its work
 code = pipeline/stages/$(1).py $(wildcard $(foreach d,$(2),pipeline/$(d)/*.py pipeline/$(d)/*/*.py))
@@ -190,6 +195,9 @@ closure_templates := templates/closure.pov
 clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
+
+# what a stage wrote is whole, and stays where one that follows it in the same process fails
+.PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
 .PHONY: all resolve closure export crosscheck ladder tradeoff calibrate FORCE
 all: $(O)/report.html
@@ -226,24 +234,24 @@ $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(patsubst %.pov,%.exr
 $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_files.json $(O)/inputs/render.json \
   $(S)/inputs/templates.json templates/SHA256SUMS $(filter-out $(clear_templates) $(closure_templates),$(templates)) \
   $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py) pipeline/planning/*) $(call code,plan,$(geometry))
-	$(run) plan
+	$(call chain,plan)
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
   $(filter-out $(clear_templates) $(closure_templates),$(templates)) $(wildcard $(addprefix pipeline/rendering/,emit.py pruning.py)) $(call code,emit,$(geometry))
-	$(run) emit
+	$(call chain,emit)
 $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(wildcard $(O)/pov/*.pov))) \
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
-	$(run) render
+	$(call chain,render)
 $(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
   $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
-	$(run) decompose
+	$(call chain,decompose)
 $(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json $(O)/inputs/composite.json \
   $(addprefix pipeline/,physics/composition.py physics/enlarging.py rendering/enlarged.py imaging/map_strips.py) \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py $(call code,composite)
-	$(run) composite
+	$(call chain,composite)
 $(O)/report.html: $(call beside,$(O)/manifest.json $(S)/overlay.png) $(O)/foggy.png $(S)/inputs/templates.json templates/report.html \
   $(wildcard pipeline/imaging/overlay*.py) pipeline/imaging/canvas.py $(wildcard pipeline/imaging/display.py) $(call code,report,reporting)
-	$(run) report
+	$(call chain,report)
 
 closure: $(O)/report.html
 	$(run) closure

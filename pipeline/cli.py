@@ -12,7 +12,7 @@ import importlib
 import json
 import os
 import sys
-import time
+from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -33,6 +33,8 @@ STAGES = {
     "composite": "photograph, T and V -> foggy photograph",
     "report": "overlay, manifest and report.html",
 }
+#: Stages of a fog, each made from what the one before it wrote: after one of them all that follow are to be done.
+CHAIN = ("plan", "emit", "render", "decompose", "composite", "report")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -130,13 +132,24 @@ def _overrides(options) -> dict[str, str]:
 
 
 def _run_stage(options) -> None:
-    _stage(_build(options), options.command, options)
+    build, ahead = _build(options), os.environ.get("FOG_AHEAD", "")
+    if options.command not in CHAIN or ahead not in CHAIN:
+        _stage(build, options.command, options)
+        return
+    names = CHAIN[CHAIN.index(options.command):CHAIN.index(ahead) + 1]
+    build.ahead.unlink(missing_ok=True)
+
+    def done(name: str) -> None:
+        with open(build.ahead, "a", encoding="utf-8") as noted:
+            noted.write(f"{os.environ.get('FOG_RUN', '')} {name}\n")
+
+    _chain(build, names or [options.command], done)
 
 
 def _run_all(options) -> None:
-    build = _build(options)
-    for name in STAGES:
-        _stage(build, name, options)
+    build, (first, *others) = _build(options), STAGES
+    _stage(build, first, options)
+    _chain(build, others)
 
 
 def _ladder(options) -> None:
@@ -151,19 +164,35 @@ def _ladder(options) -> None:
 
 
 def _stage(build: Build, name: str, options) -> None:
-    if name != "resolve":
-        print(f"{name}: {STAGES.get(name, 'checking')}", file=sys.stderr, flush=True)
-    start = time.monotonic()
-    module = importlib.import_module(f"pipeline.stages.{name}")
-    if name == "resolve":
-        module.run(build, _overrides(options))
-    else:
-        from pipeline.scene.artefacts import for_stage, write_json
+    if name in ("resolve", "export"):
+        module = importlib.import_module(f"pipeline.stages.{name}")
+        if name == "resolve":
+            module.run(build, _overrides(options))
+            return
+        from pipeline.scene.artefacts import for_stage
 
-        with at_work(build):
-            module.run(for_stage(build, name), *([options.to] if name == "export" else []))
+        with _at_work(build, name):
+            module.run(for_stage(build, name), options.to)
+        return
+    _chain(build, [name])
 
-        write_json(build.seconds / f"{name}.json", round(time.monotonic() - start, 3))
+
+def _chain(build: Build, names, done=lambda name: None) -> None:
+    from pipeline import chain
+    from pipeline.scene.artefacts import write_json
+
+    def timed(name: str, seconds: float) -> None:
+        write_json(build.seconds / f"{name}.json", round(seconds, 3))
+        done(name)
+
+    chain.run(build, names, done=timed, started=lambda name: _at_work(build, name))
+
+
+@contextmanager
+def _at_work(build: Build, name: str):
+    print(f"{name}: {STAGES.get(name, 'checking')}", file=sys.stderr, flush=True)
+    with at_work(build):
+        yield
 
 
 def _plugins(options) -> None:

@@ -213,6 +213,11 @@ class Build:
         return self.out / "report.html"
 
     @property
+    def ahead(self) -> Path:
+        """Which make ran and which stages one process did for it beyond the first."""
+        return self.out / ".ahead"
+
+    @property
     def seconds(self) -> Path:
         """Seconds each stage took, one JSON file a stage."""
         return self.out / "inputs" / "seconds"

@@ -20,6 +20,8 @@ from pipeline.geometry.planes import Plane, clean_polygon
 # Two faces of one patch meet at a fold; clicks a few pixels apart leave a gap there. Parts further
 # apart than this share of the window's extent are separate beams.
 FOLD_GAP = 0.1
+# A face that reaches into a shaft by less than this share of its extent touches it.
+TOUCHING = 1e-3
 # Hulls thinner than this (volume over extent cubed) are flat: 1 mm of thickness on a 3 m shaft is 1e-4.
 FLAT_VOLUME = 1e-6
 
@@ -52,6 +54,29 @@ class Polyhedron:
         """Whether `points`, (..., 3), lie inside or within `tolerance` [m] of the surface; (...) bool."""
         points = np.asarray(points, float)
         return np.all(points @ self.planes[:, :3].T <= self.planes[:, 3] + tolerance, -1)
+
+
+def reaches_into(face: np.ndarray, volume: Polyhedron) -> bool:
+    """Whether part of a planar polygon, (n, 3) [m], lies inside a convex volume, by more than touching it."""
+    rim, margin = np.asarray(face, float), TOUCHING * np.ptp(volume.vertices, axis=0).max()
+    for plane in volume.planes:
+        heights = rim @ plane[:3] - plane[3] + margin
+        if not (heights < 0).any():
+            return False
+        rim = _cut(rim, heights)
+    return True
+
+
+def _cut(rim: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """What of a polygon (n, 3) lies where heights (n,) above a plane are not positive."""
+    kept = []
+    for point, height, following, next_height in zip(rim, heights, np.roll(rim, -1, 0), np.roll(heights, -1)):
+        if height <= 0:
+            kept.append(point)
+        if (height < 0 < next_height) or (next_height < 0 < height):
+            kept.append(point + (following - point) * (height / (height - next_height)))
+    return np.array(kept)
+
 
 def planar_polygon(points: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """A checked world polygon, (m, 3) [m] in the given order, and its plane, (4,); messages call it `name`.

@@ -91,7 +91,7 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
     for name in lights:
         one = scene.lights[name]
         shadows = medium.coefficients()[1].max() > 0 and (
-            name in shaded or (scene.rendered(name) and scene.casts_shadows()))
+            name in shaded or (scene.rendered(name) and scene.dimmed(name)))
         found.append(LightDemand(
             name, _work(scene, medium, name, shaded, by_template), _rms(glows[name] / level), one.sub_light_count(),
             getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED, _half_shadow(scene, medium, name, points, dimmed / level),
@@ -107,10 +107,10 @@ def _work(scene: PlacedScene, medium: Medium, name: str, shaded: Container[str],
         return EXACT
     if not scene.rendered(name):
         return SINGLE if name in shaded else EXACT
-    if isinstance(one, Sun):
-        return SHAFT
-    if name in by_template or not one.completes(medium):
-        return RENDERED
+    if name in by_template or not scene.completes(name, medium):
+        return RENDERED if one.smooth else SHAFT
+    if not one.smooth:
+        return EXACT
     return SINGLE if one.sub_light_count() < FEWEST_BLURRED else GLOW
 
 

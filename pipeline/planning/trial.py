@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipeline import chain
 from pipeline.paths import Build
-from pipeline.scene.artefacts import for_stage, read_json, working, write_json
+from pipeline.scene.artefacts import read_json, working, write_json
 
 STAGES = ("plan", "emit", "render", "decompose", "composite")
 #: What a fog's stages read of the scene file.
@@ -44,10 +43,6 @@ def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -
         stated = read_json(build.input(part))
         write_json(trial.input(part), {**stated, **settings} if part == "render" else stated)
     shutil.copyfile(build.lines, trial.lines)
-    seconds = {}
-    for stage in STAGES:
-        module = importlib.import_module(f"pipeline.stages.{stage}")
-        start = time.monotonic()
-        module.run(for_stage(trial, stage))
-        seconds[stage] = time.monotonic() - start
+    seconds: dict[str, float] = {}
+    chain.run(trial, STAGES, done=seconds.__setitem__)
     return seconds

@@ -246,10 +246,19 @@ class Light(Plugin):
         """
         return np.exp(-medium.optical_depth(self.midpoint(), points))
 
-    def completes(self, medium: "Medium") -> bool:
+    #: Whether its glow has no edges but those of depth, so that it may be found small and enlarged.
+    smooth: ClassVar[bool] = True
+
+    def completes(self, medium: "Medium", faces: Sequence[np.ndarray]) -> bool:
         """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what
-        shadows take from it, and close to the light nothing depends on how finely they are sampled."""
+        shadows take from it, and close to the light nothing depends on how finely they are sampled.
+
+        faces: those (n, 3) [m] that cast shadows."""
         return False
+
+    def dimmed_by(self, faces: Sequence[np.ndarray]) -> bool:
+        """Whether faces (n, 3) [m] that cast shadows may keep it from the fog."""
+        return bool(len(faces))
 
     def arrival(self, medium: "Medium", points: np.ndarray, normals: np.ndarray
                 ) -> tuple[np.ndarray, np.ndarray]:
@@ -310,6 +319,8 @@ class Medium(Plugin):
     kind: ClassVar[str] = "media"
     #: Whether its density depends on height alone.
     layered: ClassVar[bool] = False
+    #: Whether its density is 1 everywhere.
+    even: ClassVar[bool] = False
 
     def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
         """absorption_coefficient, scattering_coefficient, each (3,) [1/m], where relative density is 1."""

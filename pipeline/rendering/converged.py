@@ -75,9 +75,10 @@ def chosen(depth: np.ndarray, usable: np.ndarray, smaller: int, count: int) -> P
 
 def runs(scene: PlacedScene, medium: Medium, lights: list[str], shaded: list[str], in_one: bool, pixels: Pixels
          ) -> list[Run]:
-    """Renders along the pixels' rays."""
+    """Renders along the pixels' rays; of lights with edges of their own all of V, which is known without where they shine."""
     rays = scene.camera.directions(np.stack([pixels.columns + 0.5, pixels.rows + 0.5], -1))
-    found = [one for one in fog_runs(scene, medium, lights, FINENESS, shaded, in_one=in_one) if one.kind == "in_scattering"]
+    whole = [name for name in lights if scene.rendered(name) and not scene.lights[name].smooth]
+    found = [one for one in fog_runs(scene, medium, lights, FINENESS, shaded, whole, in_one) if one.kind == "in_scattering"]
     return [replace(one, id=PREFIX + one.id, width=len(rays), height=1, options={**one.options, "along": rays.tolist()})
             for one in found]
 
@@ -87,16 +88,26 @@ class Converged(Scattered):
 
     def __init__(self, whole: Scattered, pixels: Pixels, check_runs: list[Run]):
         self.__dict__.update(whole.__dict__)
-        self.fineness, self.glows, self.ways = FINENESS, {}, {}
+        self.fineness, self.glows, self.ways, self.known = FINENESS, {}, {}, {}
         names = [one.id.removeprefix(PREFIX) for one in check_runs]
         self.runs = {name: replace(one, id=name) for name, one in zip(names, check_runs)}
-        self.single = whole.single(pixels.where)
+        self.pixels, self.single = pixels, whole.single(pixels.where)
+
+    def beforehand(self, lights: list[str]) -> "Converged":
+        self.known["transmittance"] = self._transmittance(lights, self.single)
+        if self.medium.coefficients()[1].max() > 0:
+            for light in lights:
+                if f"in_scattering_{light}" not in self.runs:
+                    self.known[light, False] = self._without_shadows(light, self.single)
+        return self
 
     def maps(self, lights: list[str]) -> tuple[np.ndarray, np.ndarray]:
         """T and V of all lights together, (n, 3) each."""
+        if not self.known:
+            self.beforehand(lights)
         total = sum((self.strengths[light] * self._by(light, self.single) for light in lights),
                     np.zeros((len(self.single.depth), 3)))
-        return self._transmittance(lights, self.single), total
+        return self.known.pop("transmittance"), total
 
     def _image(self, run: str) -> np.ndarray:
         return super()._image(PREFIX + run)[0]

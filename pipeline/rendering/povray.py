@@ -146,7 +146,7 @@ def _is_done(image: Path, stamp: Path, digest: str) -> bool:
 
 
 #: Renders under way at once. POV-Ray waits for its own threads for 0.7 s a render, in which others may work.
-MOST_AT_ONCE = 8
+MOST_AT_ONCE = 16
 
 
 def render_together(jobs: list[tuple[Path, Path, int, int]], *, threads: int | None, timeout: float,

@@ -76,13 +76,13 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], fineness: Fi
             runs += _transmittance_runs(scene, medium, light, fineness, points, (eye, clearest), extinction)
         if scatters:
             # a shaft's edges are sharp and it is cheap; a lamp's glow is smooth and costs most
-            size = (width, height) if isinstance(one, Sun) else glow
+            size = glow if one.smooth else (width, height)
             level = in_scattering_about(scene, medium, light, directions, points)
             in_clear_air = in_scattering_about(scene, medium, light, directions, points, through=0.0) if uneven else None
             exposure = _exposure(level, in_clear_air)
-            if light in by_template or not one.completes(medium):
+            if light in by_template or not scene.completes(light, medium):
                 runs.append(Run(f"in_scattering_{light}", "in_scattering", [light], *size, exposure, count))
-            elif scene.casts_shadows():
+            elif scene.dimmed(light):
                 options = {"shadow_lights": fineness.shadow_lights} if blurred else {}
                 runs += _shadow_runs(Run("", "in_scattering", [light], *(shadow if blurred else glow), exposure, count, options),
                                      in_one and grey)

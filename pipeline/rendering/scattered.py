@@ -25,8 +25,8 @@ from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_place
 FEWEST_DIGITS = 6e-4
 #: Share of the strongest V without shadows below which a ratio of two half floats says nothing.
 LEAST_UNSHADED = 1e-5
-
-
+#: Bytes of maps that are worked out while POV-Ray renders.
+MOST_BEFOREHAND = 256_000_000
 #: Of the densest fog's light the way from the middle has nothing left; no quotient of the two may be infinite.
 MOST_OFF_MIDDLE = 1e30
 
@@ -100,6 +100,8 @@ class Scattered:
         self.rendered_offs: dict[str, np.ndarray] = {}
         self.enlargements: dict[tuple, Enlargement] = {}
         self.solid_depths: dict[tuple[int, int], np.ndarray] = {}
+        #: what needs no render and was worked out while POV-Ray was at those that are needed
+        self.known: dict[tuple, np.ndarray] = {}
         self.edges = read_edges(build)
         front = self.depth if self.edges is None else self.edges.front_depth
         self.front = self._view(front, ...)
@@ -116,6 +118,21 @@ class Scattered:
         return View(depth, where, depth[where], chosen, points,
                     normals[where] if normals is not None else -chosen,
                     medium.optical_depth(camera.position, points))
+
+    def beforehand(self, lights: list[str]) -> "Scattered":
+        """Works out what needs no render, as far as memory allows; `by` and `transmittance` then take it from there."""
+        if not any(one.kind in ("transmittance", "irradiance") for one in self.runs.values()):
+            self.known["transmittance"] = self.transmittance(lights)
+        if not self.medium.coefficients()[1].max() > 0:
+            return self
+        for light in lights:
+            for view in (self.front, self.behind):
+                if view is not None and f"in_scattering_{light}" not in self.runs and self._bytes() < MOST_BEFOREHAND:
+                    self.known[light, view is self.front] = self._without_shadows(light, view)
+        return self
+
+    def _bytes(self) -> int:
+        return sum(values.nbytes for values in self.known.values())
 
     def single(self, where: tuple[np.ndarray, np.ndarray]) -> View:
         """The view of some pixels alone, rows and columns (n,); mixed ones by what is in front."""
@@ -134,6 +151,8 @@ class Scattered:
 
     def transmittance(self, lights: list[str]) -> np.ndarray:
         """T of the light that these lights together reflect from each surface, (H, W, 3)."""
+        if "transmittance" in self.known:
+            return self.known.pop("transmittance")
         total = self._transmittance(lights, self.front)
         if self.mixed and self.behind is not None:
             where, edges = self.behind.where, self.edges
@@ -167,7 +186,7 @@ class Scattered:
             return self._enlarged(run.id, view) / run.exposure
         if self.scene.rendered(light):
             return self._completed(light, view)
-        unoccluded = np.array(one.in_scattering(self.medium, eye, view.directions, view.depth))
+        unoccluded = self._remembered(light, view)
         if not self._has_shadows(light):
             return unoccluded
         part = one.shaded_part(eye)
@@ -179,17 +198,28 @@ class Scattered:
 
         Their errors cancel close to the light, where they are largest and nothing stands between.
         """
-        known = self._unshadowed(light, view)
+        known = self._remembered(light, view)
         if not self._has_shadows(light):
             return known
         shaded, unshaded, exposure = self._with_and_without_shadows(light)
         return np.clip(known - self._resampled((unshaded - shaded) / exposure, view), 0, known)
 
+    def _remembered(self, light: str, view: View) -> np.ndarray:
+        known = self.known.pop((light, view is self.front), None)
+        return self._without_shadows(light, view) if known is None else known
+
+    def _without_shadows(self, light: str, view: View) -> np.ndarray:
+        """V (..., 3) at unit strength as nothing stood in the light's way."""
+        if self.scene.rendered(light):
+            return self._unshadowed(light, view)
+        eye = self.scene.camera.position
+        return np.array(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
+
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""
         eye, camera, small = self.scene.camera.position, self.scene.camera, self._small_camera()
         one, tolerance = self.scene.lights[light], self.fineness.glow_tolerance
-        if (small.width, small.height) == (camera.width, camera.height):
+        if not one.smooth or (small.width, small.height) == (camera.width, camera.height):
             return np.array(one.glow(self.medium, eye, view.directions, view.depth, tolerance))
         if light not in self.glows:
             depth = self._solid_depth(small.width, small.height, view)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.geometry.camera import Camera
-from pipeline.plugins.base import Exporter, Light, Shape
+from pipeline.plugins.base import Exporter, Light, Medium, Shape
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,18 @@ class PlacedScene:
 
     def casts_shadows(self) -> bool:
         return any(shape.casts_shadow for shape in self.shapes.values())
+
+    def completes(self, light: str, medium: Medium) -> bool:
+        """Whether V without shadows is known of a light that is rendered."""
+        return self.lights[light].completes(medium, self.casting_faces())
+
+    def dimmed(self, light: str) -> bool:
+        """Whether anything may keep the light from the fog."""
+        return self.lights[light].dimmed_by(self.casting_faces())
+
+    def casting_faces(self) -> list[np.ndarray]:
+        """Corners (n, 3) [m] of the faces that cast shadows."""
+        return [corners for shape in self.shapes.values() if shape.casts_shadow for corners in shape.faces().values()]
 
     def faces(self) -> list[tuple[str, np.ndarray]]:
         """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""

@@ -130,6 +130,8 @@ def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: lis
                            " rendered")
         elif not scene.rendered(name):
             reasons.append(f"{name}: known in closed form, no render")
+        elif medium.coefficients()[1].max() > 0 and not any(one.id == f"in_scattering_{name}" for one in runs):
+            reasons.append(f"{name}: V in closed form, no render; nothing stands in its way")
         if scene.rendered(name) and f"transmittance_{name}" not in {one.id for one in runs}:
             reasons.append(f"{name}: T by the light's midpoint, no render" if fineness.transmittance == MIDPOINT
                            else f"{name}: T without shadows of parts of it, by quadrature; no render")

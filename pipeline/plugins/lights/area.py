@@ -86,7 +86,7 @@ class Area(Light):
         return emitted_way(*polygon_cells(self.outline.polygon, count), self.normal, points, normals, extinction,
                            medium.density_path)
 
-    def completes(self, medium):
+    def completes(self, medium, faces):
         # where the density stands on a grid, the way from each part of the lamp would cost too much
         return medium.layered
 

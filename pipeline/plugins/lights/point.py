@@ -40,7 +40,7 @@ class Point(Light):
     def in_scattering(self, medium, eye, directions, depth):
         return bulbs.bulbs(medium, eye, directions, depth, self.position.vector[None], self.radius, [1.0])
 
-    def completes(self, medium):
+    def completes(self, medium, faces):
         # elsewhere the way from the bulb to each point of a ray is an integral of its own
         return medium.layered
 

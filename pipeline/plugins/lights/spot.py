@@ -76,7 +76,7 @@ class Spot(Light):
     def in_scattering(self, medium, eye, directions, depth):
         return bulbs.bulb(medium, eye, directions, depth, self.position.vector, self.radius, self.lit_cone)
 
-    def completes(self, medium):
+    def completes(self, medium, faces):
         # elsewhere the way from the bulb to each point of a ray is an integral of its own
         return medium.layered
 

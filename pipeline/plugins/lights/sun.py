@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 import scipy
 
 from pipeline.geometry.planes import Plane, polygon_area, polygon_normal
-from pipeline.geometry.shaft import shaft_hulls
+from pipeline.geometry.shaft import Polyhedron, convex_hull, reaches_into, shaft_hulls
+from pipeline.physics import shaft_glow
+from pipeline.physics.shaft_glow import Shaft
 from pipeline.plugins.annotations import Outline, facing
 from pipeline.plugins.base import Colour, Direction, Light, Model, parameter
 
@@ -27,6 +29,7 @@ class Sun(Light):
 
     type: Literal["sun"] = "sun"
     strength_name = "irradiance"
+    smooth: ClassVar[bool] = False
     openings: Annotated[dict[str, Opening], Field(min_length=1, max_length=50)] = parameter(
         description="windows by name")
     direction: Direction | None = parameter(
@@ -83,6 +86,21 @@ class Sun(Light):
         # the sun's render says nothing of its way either: see entry_path
         return np.ones((*np.shape(points)[:-1], 3))
 
+    def completes(self, medium, faces):
+        return medium.even and not self.dimmed_by(faces)
+
+    def dimmed_by(self, faces):
+        return any(reaches_into(face, beam) for beam in beams(self) for face in faces)
+
+    def in_scattering(self, medium, eye, directions, depth):
+        absorption, scattering = medium.coefficients()
+        lit = [Shaft(np.asarray(planes), np.asarray(one["window_point"]), np.asarray(one["window_normal"]))
+               for one in shafts(self) for planes in one["hulls"]]
+        rays, travels = np.reshape(directions, (-1, 3)), np.asarray(self.direction, float)
+        found = shaft_glow.in_scattering(lit, travels, np.asarray(eye, float), rays, np.ravel(depth), absorption + scattering,
+                                         scattering, medium.phase().value(-(rays @ travels)))
+        return found.reshape(*np.shape(depth), 3)
+
     def statement(self) -> dict[str, Any]:
         return {"shafts": shafts(self)}
 
@@ -116,6 +134,17 @@ def shafts(sun: Sun) -> list[dict[str, Any]]:
         result.append({
             **entry, "hulls": [hull.planes.tolist() for hull in hulls],
             "shaft_openings": [_outline(_pulled_back(hull.vertices, plane, sun)).tolist() for hull in hulls]})
+    return result
+
+
+def beams(sun: Sun) -> list[Polyhedron]:
+    """Volumes that the light in each shaft crosses from the window's plane on."""
+    result = []
+    for name, opening in sun.openings.items():
+        plane = _window_plane(opening)
+        for hull in shaft_hulls(opening.window.polygon, [p.polygon for p in opening.patches], name):
+            ends = np.concatenate([hull.vertices, _pulled_back(hull.vertices, plane, sun)])
+            result.append(convex_hull(ends, f"the sunlight shaft of {name}"))
     return result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ class Homogeneous(LayeredMedium):
     """Fog of one density, by its visibility or by its coefficients."""
 
     type: Literal["homogeneous"] = "homogeneous"
+    even: ClassVar[bool] = True
 
     def level_density(self, height):
         return np.ones(np.shape(height))
