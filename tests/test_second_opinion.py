@@ -71,7 +71,7 @@ def test_settings_from_the_environment(tmp_path, capsys, monkeypatch, value):
 
 def test_crosscheck_tells_right_from_wrong(tmp_path, capsys, monkeypatch):
     pytest.importorskip("mitsuba")
-    build = chain(tmp_path, {kind: DESCRIBED[kind] for kind in ("point", "area", "spot")}, box=True)
+    build = chain(tmp_path, {kind: DESCRIBED[kind] for kind in ("point", "area", "spot")}, box=True, render={"glow": "rendered"})
     monkeypatch.setenv("FOG_CROSSCHECK_SIZE", "8")
     assert main(arguments(build, "crosscheck")) == 0
     found = read_json(build.crosscheck)

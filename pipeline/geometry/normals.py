@@ -26,11 +26,15 @@ def surface_normals(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
 
 def _of(points: np.ndarray, eye: np.ndarray) -> np.ndarray:
     to_eye = eye - points
-    to_eye /= np.maximum(np.linalg.norm(to_eye, axis=-1, keepdims=True), 1e-300)
+    to_eye /= np.maximum(_length(to_eye), 1e-300)
     normals = np.cross(_step(points, 1), _step(points, 0))
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    length = _length(normals)
     normals = np.where(length > 0, normals / np.maximum(length, 1e-300), to_eye)
-    return normals * np.where((normals * to_eye).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    return normals * np.where(np.einsum("...i,...i->...", normals, to_eye)[..., None] < 0, -1.0, 1.0)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
 
 
 def _step(points: np.ndarray, axis: int) -> np.ndarray:
@@ -40,5 +44,5 @@ def _step(points: np.ndarray, axis: int) -> np.ndarray:
     step = np.diff(points, axis=axis)
     first, last = np.take(step, [0], axis), np.take(step, [-1], axis)
     ahead, back = np.concatenate([step, last], axis), np.concatenate([first, step], axis)
-    nearer = (ahead**2).sum(-1, keepdims=True) <= (back**2).sum(-1, keepdims=True)
+    nearer = _length(ahead) <= _length(back)
     return np.where(nearer, ahead, back)

@@ -30,6 +30,7 @@ DEEPEST = 60.0
 _TURN, _THIN = 300.0, 1e-3
 _SINES, _FINE_SINES = (np.sinh(np.linspace(-1, 1, n) * np.arcsinh(_TURN)) / _TURN for n in (97, 385))
 _DEPTHS, _FINE_DEPTHS = (np.geomspace(_THIN, DEEPEST + _THIN, n) - _THIN for n in (61, 361))
+_NODES = np.polynomial.legendre.leggauss(4)
 #: Panels of quadrature over the sky, each half as wide as the last towards a narrow phase function's peak.
 _HALVINGS = 22
 
@@ -56,7 +57,7 @@ def dome(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray
     """
     sines = np.clip(directions[..., 1], -1, 1)
     if not upper or medium.top() is None:
-        share = np.interp(sines if upper else -sines, _SINES, skylight(medium.phase(), np.zeros(1))[0])
+        share = np.interp(sines if upper else -sines, _SINES, _clear_skylight(medium.phase()))
         return share[..., None] * veil(medium, eye, directions, depth)
     table = scipy.interpolate.RectBivariateSpline(_across(_DEPTHS), _along(_SINES),
                                 np.log(np.maximum(skylight(medium.phase(), _DEPTHS), 1e-300)))
@@ -189,6 +190,20 @@ def _logarithmic_mean(logarithm: np.ndarray) -> np.ndarray:
 # --- the sky's half of the sphere ---------------------------------------------------------------------------
 
 
+#: The last phase function that was asked for, and its table: each view of a photograph asks anew.
+_LAST: list[tuple[Any, np.ndarray]] = []
+
+
+def _clear_skylight(phase: Any) -> np.ndarray:
+    """`skylight` without fog above, by `_SINES`."""
+    for known, table in list(_LAST):
+        if known is phase or known == phase:
+            return table
+    table = skylight(phase, np.zeros(1))[0]
+    _LAST[:] = [(phase, table)]
+    return table
+
+
 def skylight(phase: Any, zenith: np.ndarray, sines: np.ndarray = _SINES) -> np.ndarray:
     """Phase-weighted share of the sky's light, (n, m), that a layer of optical depth `zenith` (n,) lets through.
 
@@ -215,7 +230,7 @@ def _halving(low: float, high: float) -> np.ndarray:
 
 def _gauss(borders: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights between neighbouring borders."""
-    nodes, weights = np.polynomial.legendre.leggauss(4)
+    nodes, weights = _NODES
     low, length = borders[:-1, None], np.diff(borders)[:, None]
     return (low + length * (nodes + 1) / 2).ravel(), (length * weights / 2).ravel()
 

@@ -25,7 +25,7 @@ from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.rendering.fineness import from_json as fineness_from_json
-from pipeline.rendering.runs import from_json
+from pipeline.rendering.runs import fog_runs, from_json
 from pipeline.rendering.work import light_samples
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
 
@@ -145,7 +145,7 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
         faces[build] = len(scene.faces())
     slope = max((per_sample[room] - per_sample[lit]) / max(faces[room] - faces[lit], 1), 0.0)
     sample = max(per_sample[lit] - slope * faces[lit], 0.2 * per_sample[lit])
-    shaft = _run_of(room, "in_scattering")
+    shaft = _shaft_run(room)
     shaft_sample = (_render_once(room, shaft)[1] - start) / (shaft.width * shaft.height * shaft.samples)
     face = slope / sample
     rays, exponent = _glow(lit)
@@ -186,6 +186,13 @@ def _run_of(build: Build, kind: str):
     return max((one for one in runs if one.id.startswith(kind)), key=lambda one: one.width * one.height * one.samples)
 
 
+def _shaft_run(build: Build):
+    """The render of a shaft, whether or not this fog asks for one."""
+    scene, medium = read_placed(build), read_fog(build)
+    name = next(name for name, light in scene.lights.items() if not light.smooth)
+    return next(one for one in fog_runs(scene, medium, [name], FINE, (), [name]) if one.kind == "in_scattering")
+
+
 def _render_once(build: Build, run) -> tuple[float, float]:
     """Wall time [s] of one POV-Ray run on one thread, and what the processor worked."""
     made = trial.of(build, "calibrate")
@@ -216,8 +223,10 @@ def _glow(build: Build) -> tuple[float, float]:
 
 
 def _imports() -> float:
-    """Seconds that the stages' processes take to import what they need."""
-    timed = ("import time; import pipeline.cli; start = time.monotonic(); import pipeline.stages.{};"
-             " print(time.monotonic() - start)")
-    return sum(float(subprocess.run([sys.executable, "-c", timed.format(stage)], check=True, capture_output=True, text=True
-                                    ).stdout) for stage in trial.STAGES)
+    """Seconds that the process of a fog's stages takes to import what these need."""
+    timed = ("import time, importlib; import pipeline.cli; start = time.monotonic();"
+             " [importlib.import_module('pipeline.stages.' + name) for name in {!r}];"
+             " from pipeline.plugins.base import KINDS, registry; [registry(kind) for kind in KINDS];"
+             " import scipy.interpolate, scipy.spatial, scipy.special;"
+             " print(time.monotonic() - start)").format(trial.STAGES)
+    return float(subprocess.run([sys.executable, "-c", timed], check=True, capture_output=True, text=True).stdout)

@@ -183,6 +183,8 @@ class Light(Plugin):
     rendered: ClassVar[Literal["always", "indoors", "never"]] = "always"
     #: Whether its template states light sources, so that it can be rendered alone on the photograph's surfaces.
     light_source: ClassVar[bool] = True
+    #: Whether its glow has no edges but those of depth, so that it may be found small and enlarged.
+    smooth: ClassVar[bool] = True
     gain: float = parameter(1.0, "1", ge=0, le=1e6, allow_inf_nan=False,
                             description="relights the fog: scales this light after estimation")
 
@@ -246,14 +248,9 @@ class Light(Plugin):
         """
         return np.exp(-medium.optical_depth(self.midpoint(), points))
 
-    #: Whether its glow has no edges but those of depth, so that it may be found small and enlarged.
-    smooth: ClassVar[bool] = True
-
     def completes(self, medium: "Medium", faces: Sequence[np.ndarray]) -> bool:
-        """Whether `in_scattering` is known in this fog although the light is rendered: the renders then say only what
-        shadows take from it, and close to the light nothing depends on how finely they are sampled.
-
-        faces: those (n, 3) [m] that cast shadows."""
+        """Whether `in_scattering` is known although the light is rendered: renders then only say what shadows of these faces
+        (n, 3) [m] take from it, and near the light nothing depends on samples."""
         return False
 
     def dimmed_by(self, faces: Sequence[np.ndarray]) -> bool:

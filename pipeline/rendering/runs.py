@@ -29,7 +29,7 @@ MOST_SHADED = 16
 FEWEST_BLURRED = 9
 #: Most samples of T that uneven fog asks for.
 MOST_DENSITY_STEPS = 256
-#: POV-Ray 3.7 stops with a fatal error at more intervals, which uneven fog needs (measured: 256 do, 257 do not).
+#: POV-Ray 3.7 stops with a fatal error at more intervals, which uneven fog and shafts need (measured: 256 do, 257 do not).
 MOST_INTERVALS = 256
 #: V adds up many samples, whose errors cancel: its steps may be so many times as long as T's.
 STEPS_OF = {"in_scattering": 2.0, "transmittance": 1.0}
@@ -86,9 +86,8 @@ def fog_runs(scene: PlacedScene, medium: Medium, lights: list[str], fineness: Fi
                 options = {"shadow_lights": fineness.shadow_lights} if blurred else {}
                 runs += _shadow_runs(Run("", "in_scattering", [light], *(shadow if blurred else glow), exposure, count, options),
                                      in_one and grey)
-    if uneven:
-        runs = [replace(one, samples=min(one.samples, MOST_INTERVALS)) for one in runs]
-    return runs
+    return [replace(one, samples=min(one.samples, MOST_INTERVALS))
+            if uneven or not all(scene.lights[name].smooth for name in one.lights) else one for one in runs]
 
 
 def transmittance_is_rendered(scene: PlacedScene, medium: Medium, light: str, fineness: Fineness) -> bool:

@@ -28,7 +28,7 @@ from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_place
 from pipeline.scene.placed import PlacedScene
 
 #: Pixels that are made as finely as it takes, to tell how far off the others are, by quality.
-CHECKED = {"draft": 80, "normal": 160, "final": 320}
+CHECKED = {"draft": 48, "normal": 160, "final": 320}
 
 
 def run(build: Build) -> None:
