@@ -167,10 +167,13 @@ setup-mitsuba: $(READY)
 	  { echo "error: Mitsuba could not be installed; see above, and run make setup-mitsuba again" >&2; exit 2; }
 
 # only pictures of curves need it
-setup-figures: $(READY)
+FIGURES_READY := $(VENV)/figures-ready
+setup-figures: $(FIGURES_READY)
+$(FIGURES_READY): pipeline/requirements-figures.lock $(READY)
 	@echo "set-up: matplotlib into $(VENV)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-figures.lock || \
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r $< || \
 	  { echo "error: matplotlib could not be installed; see above, and run make setup-figures again" >&2; exit 2; }
+	@touch $@
 
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
@@ -269,7 +272,7 @@ ladder: $(READY) | povray
 	  $(MAKE) --no-print-directory fog=$$name $(S)/$$name/foggy.png; done
 	$(run) ladder
 
-tradeoff: setup-figures $(O)/report.html
+tradeoff: $(O)/report.html | $(FIGURES_READY)
 	$(run) tradeoff
 
 # what the plan knows of time and error, measured on this machine
@@ -277,6 +280,33 @@ calibrate: $(READY) | povray
 	@export $(owner); $(PY) -m pipeline calibrate --cases | while read case; do \
 	  $(MAKE) --no-print-directory $$case; done
 	$(run) calibrate
+
+# ---- the paper's figures -------------------------------------------------------------------------
+# Each is redone when a scene that it shows, or what draws it, has changed; the scenes' own makes say whether they have.
+FIGURES := $(BUILD)/figures
+drawn := $(addprefix $(FIGURES)/,$(addsuffix .png,fig01 fig02 fig05 fig06 fig07 fig08 fig09 fig10 table1))
+drawing = $(wildcard pipeline/figures/*.py pipeline/imaging/overlay*.py) pipeline/imaging/canvas.py pipeline/imaging/display.py
+.PHONY: figures
+figures: $(FIGURES)/figures.html
+
+ifneq ($(filter figures $(FIGURES)/%,$(goals)),)
+# of a scene that is not there nothing is made, and its figures say so
+$(BUILD)/%/report.html: FORCE | setup
+	@set -- $(subst /, ,$*); [ ! -d "$(SCENES)/$$1" ] || $(MAKE) -s --no-print-directory scene=$$1 fog=$${2:-}
+$(FIGURES)/fig01.png: $(addprefix $(BUILD)/,bathroom/report.html building/report.html)
+$(FIGURES)/fig02.png $(FIGURES)/fig05.png $(FIGURES)/fig06.png: $(BUILD)/bathroom/report.html
+$(FIGURES)/fig07.png: $(BUILD)/building/report.html
+$(FIGURES)/fig08.png $(FIGURES)/fig09.png $(FIGURES)/fig10.png: $(BUILD)/validation/mse.csv
+$(FIGURES)/table1.png: $(foreach s,bathroom building,$(wildcard $(addprefix $(SCENES)/$s/,scene.yaml photograph.*))) $(templates) \
+  $(wildcard pipeline/*.py pipeline/stages/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/planning/*.py)
+$(BUILD)/validation/mse.csv: $(foreach s,cornell cornell_height,$(wildcard $(SCENES)/$s/scene.yaml)) $(templates) \
+  $(wildcard tests/validation/*.py tests/reference/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/plugins/lights/*.py) | setup
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants "best,default,midpoint T"
+$(drawn): $(drawing) | $(FIGURES_READY)
+	@$(PY) -m pipeline figures --only $(basename $(@F))
+$(FIGURES)/figures.html: $(drawn) templates/figures.html
+	@$(PY) -m pipeline figures --book
+endif
 
 # ---- other things a person asks for ------------------------------------------------------------
 .PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances photos photograph schema plugins digests clean help
@@ -336,6 +366,7 @@ help:
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
 	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
+	@echo "  make figures             the paper's figures and its table from this project's scenes, into build/figures/figures.html and .pdf"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"

@@ -104,6 +104,12 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
     calibrate.add_argument("--cases", action="store_true", help="only says which scenes and fogs it measures")
     calibrate.set_defaults(run=_calibrate)
+    figures = commands.add_parser("figures", help="draws the paper's figures from what was made")
+    figures.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
+    figures.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+    figures.add_argument("--only", action="append", default=[], metavar="NAME", help="one of them, such as fig05")
+    figures.add_argument("--book", action="store_true", help="writes the page and the PDF of those that are drawn")
+    figures.set_defaults(run=_figures)
     photos = commands.add_parser("photos",
                                  help="fetches the demo photographs that the repository does not carry")
     photos.add_argument("--scenes", type=Path, default=Path("scenes"))
@@ -230,6 +236,17 @@ def _calibrate(options) -> None:
         print("\n".join(f"scene={scene} fog={fog or ''}" for scene, fog in calibrate.CASES))
         return
     print(f"done: {calibrate.calibrate(options.scenes, options.build)}")
+
+
+def _figures(options) -> None:
+    from pipeline.figures import book, paper
+
+    folder = options.build / "figures"
+    for name in options.only or ([] if options.book else [one.name for one in paper.FIGURES]):
+        print(f"drawn: {paper.draw(name, options.scenes, options.build, folder)}")
+    if options.book:
+        book.write(options.scenes, options.build, folder)
+        print(f"done: {folder}/figures.html, {folder}/figures.pdf")
 
 
 def _photos(options) -> int:

@@ -64,6 +64,7 @@ class SunEstimate:
     [degree] of the cone that holds 95 % of the directions re-estimated under annotation noise.
     alternatives: directions (3,) that explain the annotation nearly as well, best first. messages: why the
     status is what it is, one line each; notes: what was decided about the annotation on the way.
+    farthest_start: of the directions (3,) from which the minimisations began, the one farthest from the result.
     """
 
     sun_direction: np.ndarray
@@ -74,6 +75,7 @@ class SunEstimate:
     alternatives: tuple[np.ndarray, ...] = ()
     messages: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    farthest_start: np.ndarray | None = None
 
 
 def estimate_sun_direction(camera: Camera, openings: Sequence[Opening], *, starts: int = 6, seed: int = 0,
@@ -98,12 +100,15 @@ def estimate_sun_direction(camera: Camera, openings: Sequence[Opening], *, start
     rng = np.random.default_rng(seed)
 
     optima: list[_Optimum] = []
+    begun: list[np.ndarray] = []
     for matching in joint_matchings(views):
         objective = _Objective(views, matching)
         for start in _start_directions(objective, starts, rng):
             direction, value = _minimise(objective, start)
             optima.append((value, direction, objective))
+            begun.append(start)
     value, direction, objective = best = min(optima, key=lambda optimum: optimum[0])
+    farthest = max(begun, key=lambda start: angles_between(start, direction))
 
     fits = tuple(view.fit(direction, pairs) for view, pairs in zip(views, objective.matching))
     alternatives = _alternatives(optima, best)
@@ -119,7 +124,7 @@ def estimate_sun_direction(camera: Camera, openings: Sequence[Opening], *, start
                         "annotate a further window, or all corners of the patch")
     confidence = _confidence(objective, direction, noise, resamples, rng)
     notes = tuple(note for view, pairs in zip(views, objective.matching) for note in view.notes(pairs))
-    return SunEstimate(direction, value, status, confidence, fits, alternatives, tuple(messages), notes)
+    return SunEstimate(direction, value, status, confidence, fits, alternatives, tuple(messages), notes, farthest)
 
 
 class _Objective:

@@ -73,7 +73,7 @@ def _through_windows(name: str, sun: Sun, camera, settings) -> dict:
                          remedy="correct the window and patch polygons, or give the light a 'direction'")
     return {
         "sun_direction": estimate.sun_direction, "status": estimate.status, "objective": estimate.objective,
-        "confidence_degree": estimate.confidence,
+        "confidence_degree": estimate.confidence, "farthest_start": estimate.farthest_start,
         "openings": {o.name: {"overlap": o.overlap, "angle_rms_degree": o.rms, "angle_max_degree": o.largest}
                      for o in estimate.openings},
         "alternatives": list(estimate.alternatives), "messages": [*estimate.messages, *estimate.notes]}

@@ -19,11 +19,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="tests.validation")
     parser.add_argument("--size", type=int, default=64, help="pixels a side")
     parser.add_argument("--samples", type=int, default=512, help="paths a pixel, for light of all orders")
+    parser.add_argument("--variants", default="", help="settings to compare, with commas between; all of them if left out")
     parser.add_argument("--only", choices=["approximations", "all_light"], help="one experiment")
     options = parser.parse_args()
     folder = PROJECT / "build" / "validation"
     folder.mkdir(parents=True, exist_ok=True)
     if options.only != "all_light":
-        approximations.run(options.size, folder)
+        approximations.run(options.size, folder, options.variants.split(",") if options.variants else None)
     if options.only != "approximations":
         all_light.run(options.size, options.samples, folder)

@@ -33,13 +33,16 @@ def settings(variant: str, size: int) -> dict[str, str]:
             **{key: str(max(16, size // 4)) if value == "quarter" else value for key, value in chosen.items()}}
 
 
-def run(size: int, folder: Path) -> None:
-    truth, rows = Truth(size), []
+def run(size: int, folder: Path, variants: list[str] | None = None) -> None:
+    """variants: of VARIANTS those that are made, in this order; all of them if left out."""
+    truth, rows, variants = Truth(size), [], variants or list(VARIANTS)
+    if unknown := [one for one in variants if one not in VARIANTS]:
+        raise SystemExit(f"error: no variant is called '{unknown[0]}': choose {', '.join(VARIANTS)}")
     for fog in dict.fromkeys([*ALPHAS, *DELTAS, *HEIGHTS]):
         foggy, clear = truth.foggy(fog), truth.clear
         by_t, by_v = truth.by_midpoint(fog)
         row = {"fog": fog.name, "exact but midpoint T": mse(by_t, foggy), "exact but midpoint V": mse(by_v, foggy)}
-        for variant in VARIANTS:
+        for variant in variants:
             transmittance, scattered = maps(fog, settings(variant, size), folder / variant.replace(" ", "_"))
             composite = clear * transmittance + scattered
             row[variant] = mse(composite, foggy)

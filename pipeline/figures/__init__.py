@@ -1,0 +1,1 @@
+"""The paper's figures and its table, from what the stages wrote for this project's scenes."""
