@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import os
 import re
@@ -31,9 +30,9 @@ FILE_ACCESS = re.compile(r"\b(fopen|save_file|Parse_String|include)\b")
 LIBRARY = re.compile(r'#\s*include\s*"(colors|consts|finish|functions|glass|golds|math|metals|rand|skies'
                      r'|stones|textures|transforms|woods)\.inc"')
 
-#: On Linux a render ends with this process even where that is killed outright (prctl(2)).
-LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
-PR_SET_PDEATHSIG = 1
+#: With this a render ends with our thread even where we are killed outright (setpriv(1) of util-linux). Python's own way, a
+#: function in the child before it becomes POV-Ray, needs a fork: that waits for numpy's threads, and they for us.
+ENDS_WITH_US = ("setpriv", "--pdeathsig", "KILL")
 
 VERSION_TIMEOUT = 60.0  # [s]
 INSTALL = "install it with your system's package manager, for example: sudo apt-get install povray"
@@ -201,10 +200,9 @@ def _refuse_file_access(text: str, pov: Path) -> None:
 def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float) -> str:
     environment = {**os.environ, "HOME": str(home)}
     environment.pop("DISPLAY", None)
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+    process = subprocess.Popen([*_tied(), *command], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                stderr=subprocess.STDOUT,
-                               env=environment, cwd=home, start_new_session=True, text=True, errors="replace",
-                               preexec_fn=_end_with_us if LIBC else None)
+                               env=environment, cwd=home, start_new_session=True, text=True, errors="replace")
     _RUNNING.add(process)
     try:
         log, _ = process.communicate(timeout=timeout)
@@ -225,8 +223,14 @@ def _run(command: list[str], home: Path, pov: Path, image: Path, timeout: float)
     raise povray_log.failure(log, pov, log_file, process.returncode)
 
 
-def _end_with_us() -> None:
-    LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+@cache
+def _tied() -> tuple[str, ...]:
+    """What to begin a command with, so that it ends with us; nothing where the system has no such program."""
+    try:
+        works = subprocess.run([*ENDS_WITH_US, "true"], capture_output=True, timeout=VERSION_TIMEOUT, stdin=subprocess.DEVNULL)
+    except (OSError, subprocess.TimeoutExpired):
+        return ()
+    return ENDS_WITH_US if works.returncode == 0 else ()
 
 
 def _kill(process: subprocess.Popen) -> None:
