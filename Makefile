@@ -310,7 +310,7 @@ endif
 
 # ---- other things a person asks for ------------------------------------------------------------
 .PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances photos photograph schema plugins digests clean help
-test: setup
+test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
 test-slow: setup
