@@ -40,7 +40,7 @@ def draw(tallies: Sequence[Tally], whole: Tally, participants: int, title: str, 
                 axes.text(0.5, 0.5, NOBODY, transform=axes.transAxes, ha="center", va="center", color="0.3",
                           bbox={"facecolor": "white", "edgecolor": "0.6", "pad": 6})
         if simulated:
-            figure.text(0.5, 0.5, "SIMULATED", fontsize=54, color="0.5", alpha=0.28, rotation=18, ha="center", va="center",
+            figure.text(0.5, 0.5, "SIMULATED", fontsize=54, color="0.5", alpha=0.22, rotation=18, ha="center", va="center",
                         fontweight="bold", zorder=10)
         figure.suptitle(f"{title}\n{_about(whole, participants, simulated, left_out)}", fontsize=10)
         for path in paths:
@@ -87,7 +87,7 @@ def _shares(axes, tallies: Sequence[Tally]) -> None:
     axes.text(50, 1.0, "chance", transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, color="0.3")
     axes.set_xlim(0, 100)
     axes.set_xticks([0, 25, 50, 75, 100])
-    axes.set_xlabel(f"picked the real or true one [% of answers], {CONFIDENCE:.0%} interval")
+    axes.set_xlabel(f"picked the real or true one [% of answers], {100 * CONFIDENCE:g} % interval")
     axes.tick_params(axis="y", length=0)
     axes.grid(True, axis="x", linewidth=0.3)
 

@@ -129,13 +129,16 @@ function draw(left) {
   $("left").textContent = `${Math.max(0, Math.ceil(left / 1000))} s`;
   $("bar").style.transform = `scaleX(${Math.min(1, Math.max(0, left / ALLOWED))})`;
 }
+// A page that is left, or loaded again, is no hidden one; where the browser brings it back as it was, it was away meanwhile.
+let leaving = false;
 document.addEventListener("visibilitychange", () => {
-  if (ticking === null) return;
+  if (ticking === null || leaving) return;
   spend();
   if (document.hidden) { hiddenSince = last; state.running.times_hidden += 1; } else hiddenSince = null;
   keep();
 });
-window.addEventListener("pagehide", () => { if (ticking !== null) { spend(); keep(); } });
+window.addEventListener("pagehide", () => { leaving = true; if (ticking !== null) { spend(); hiddenSince = last; keep(); } });
+window.addEventListener("pageshow", () => { if (leaving && ticking !== null) { spend(); hiddenSince = null; } leaving = false; });
 
 const odd = (x) => { let n = 0; for (; x > 0; x = Math.floor(x / 2)) n += x % 2; return n % 2; };
 function answered(answer) {
