@@ -34,6 +34,9 @@ to ?=
 quality ?=
 tolerance ?=
 budget ?=
+study ?=
+answers ?=
+simulate ?=
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -41,7 +44,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to quality tolerance budget
+unexport scene fog fogs cases seed repeats to quality tolerance budget study answers simulate
 define newline
 
 
@@ -88,13 +91,16 @@ endef
 $(eval $(call check_number,cases))
 $(eval $(call check_number,seed))
 $(eval $(call check_number,repeats))
+$(eval $(call check_number,simulate))
+$(if $(value study),$(eval $(call check_folder,study)))
+$(if $(value answers),$(eval $(call check_folder,answers)))
 $(eval $(call check_folder,SCENES))
 $(eval $(call check_folder,BUILD))
 
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -109,21 +115,29 @@ export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
 export FOG_LADDER := $(value fogs)
 export FOG_TO := $(value to)
+export FOG_STUDY := $(value study)
+export FOG_ANSWERS := $(value answers)
+export FOG_SIMULATE := $(value simulate)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph,$(goals))$(fog)$(fogs)$(dotted),)
+  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
 ifeq ($(MAKELEVEL),0)
-  ifeq ($(filter ladder,$(goals)),)
+  ifeq ($(filter ladder truth,$(goals)),)
     $(if $(fogs),$(error fogs= is for the ladder: make ladder scene=$(scene) fogs="$(fogs)"))
   else
-    $(if $(fog),$(error a ladder shows several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
+    $(if $(fog),$(error $(firstword $(filter ladder truth,$(goals))) takes several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
+  endif
+  ifneq ($(filter study study-results,$(goals)),)
+    $(if $(scene)$(dotted),$(error a study's description says which scenes and fogs it shows: leave out $(if $(scene),scene=$(scene),$(firstword $(dotted))=...), or name another one: study=FILE))
+  else
+    $(if $(study)$(answers)$(simulate),$(error study=, answers= and simulate= are for make study and make study-results))
   endif
 endif
 
@@ -146,7 +160,7 @@ $(READY): pipeline/requirements.lock
 	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup setup-mitsuba setup-figures
+.PHONY: povray setup setup-mitsuba setup-figures setup-browser
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
 	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
@@ -175,6 +189,21 @@ $(FIGURES_READY): pipeline/requirements-figures.lock $(READY)
 	  { echo "error: matplotlib could not be installed; see above, and run make setup-figures again" >&2; exit 2; }
 	@touch $@
 
+# only what uses the study's page as people do needs a browser
+setup-browser: $(READY)
+	@echo "set-up: Playwright into $(VENV)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-browser.lock || \
+	  { echo "error: Playwright could not be installed; see above, and run make setup-browser again" >&2; exit 2; }
+	@command -v "$${CHROMIUM:-chromium}" >/dev/null && exit 0; \
+	if [ -n "$${CHROMIUM:-}" ]; then echo "error: no program '$$CHROMIUM'; correct CHROMIUM, or leave it out" >&2; exit 2; fi; \
+	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then as=""; \
+	elif command -v apt-get >/dev/null && command -v sudo >/dev/null && sudo -n true 2>/dev/null; then as="sudo -n"; \
+	else echo "error: Chromium is not installed; run: sudo apt-get install chromium (or your system's equivalent)" >&2; exit 2; fi; \
+	echo "set-up: Chromium from the system's packages"; \
+	{ $$as apt-get update -qq || true; \
+	  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; } >/dev/null </dev/null || \
+	{ echo "error: Chromium could not be installed; run: sudo apt-get install chromium" >&2; exit 2; }
+
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
@@ -202,7 +231,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate FORCE
+.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate study study-results truth FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -308,13 +337,32 @@ $(FIGURES)/figures.html: $(drawn) templates/figures.html
 	@$(PY) -m pipeline figures --book
 endif
 
+# the fogs that it shows, each by a make of its own, and the page
+study: $(READY) | povray
+	@export $(owner); cases="$$($(PY) -m pipeline study --cases)"; while read -r case; do \
+	  $(MAKE) --no-print-directory study= $$case; done <<< "$$cases"
+	$(run) study
+
+study-results: $(FIGURES_READY)
+	@$(PY) -m pipeline study-results --seed $(seed)
+
+# what a camera would have seen, rendered from the model of a scene that we made
+truth: setup
+	@[ -f $(SCENES)/$(scene)/model/foggy.py ] || \
+	  { echo "error: $(SCENES)/$(scene) has no model/foggy.py; fog was not rendered into its model" >&2; exit 2; }
+	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
+
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances photos photograph schema plugins digests clean help
+.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances photos photograph schema plugins digests clean help
 test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
 test-slow: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2
+
+# the study's page in a real browser; the other tests leave it out where there is none
+test-browser: setup setup-browser setup-figures
+	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 tests/test_study_browser.py
 
 fuzz: setup
 	@OMP_NUM_THREADS=1 $(PY) -m tests.fuzzing --cases $(cases) --seed $(seed)
@@ -368,11 +416,15 @@ help:
 	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make figures             the paper's figures and its table from this project's scenes, into build/figures/figures.html and .pdf"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
+	@echo "  make study               a page that asks which foggy picture is the real one, into build/study/study.html"
+	@echo "  make study-results answers=FOLDER   what people answered: the paper's Fig. 15, with intervals and tests"
+	@echo "  make truth scene=building fogs=\"NAME NAME\"   renders fog into the model of a scene that we made; some minutes a fog"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
+	@echo "  make test-browser        the study's page in a browser; installs Playwright and Chromium before"
 	@echo "  make validation          the paper's Fig. 8, 9, 10: composite against ground truth, into build/validation/; long"
 	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
 	@echo "  make bench               seconds and errors of maps and fogs, beside Mitsuba 3's where it is installed, into build/bench/bench.md"
@@ -382,7 +434,8 @@ help:
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
-	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"
+	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's and the study's figures"
+	@echo "  make setup-browser       installs Playwright and Chromium besides, for test-browser"
 	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"
@@ -392,6 +445,8 @@ help:
 	@echo "  budget=10s               seconds for the fog in which to be as accurate as may be, instead of quality"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
+	@echo "  study=FILE answers=FOLDER   description of a study (scenes/study.yaml), answers that people saved"
+	@echo "  simulate=40 seed=1       so many who guess, for study-results; all that comes of it says SIMULATED"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"

@@ -110,6 +110,19 @@ def _parser() -> argparse.ArgumentParser:
     figures.add_argument("--only", action="append", default=[], metavar="NAME", help="one of them, such as fig05")
     figures.add_argument("--book", action="store_true", help="writes the page and the PDF of those that are drawn")
     figures.set_defaults(run=_figures)
+    for name, what, run in (("study", "a page that asks which of two foggy pictures is the real one", _study),
+                            ("study-results", "what people answered, with intervals and tests", _study_results)):
+        study = commands.add_parser(name, help=what, description=what)
+        study.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
+        study.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+        study.add_argument("--study", default=os.environ.get("FOG_STUDY", ""), help="its description; scenes/study.yaml")
+        study.set_defaults(run=run)
+        if name == "study":
+            study.add_argument("--cases", action="store_true", help="only says which scenes and fogs it shows")
+        else:
+            study.add_argument("--answers", default=os.environ.get("FOG_ANSWERS", ""), help="folder of answer files")
+            study.add_argument("--simulate", default=os.environ.get("FOG_SIMULATE", ""), help="so many who guess, instead of answers")
+            study.add_argument("--seed", type=int, default=1, help="of those who guess")
     photos = commands.add_parser("photos",
                                  help="fetches the demo photographs that the repository does not carry")
     photos.add_argument("--scenes", type=Path, default=Path("scenes"))
@@ -247,6 +260,50 @@ def _figures(options) -> None:
     if options.book:
         book.write(options.scenes, options.build, folder)
         print(f"done: {folder}/figures.html, {folder}/figures.pdf")
+
+
+def _described_study(options):
+    from pipeline.study.description import DEFAULT, read_study
+
+    return read_study(Path(options.study) if options.study else options.scenes / DEFAULT, options.scenes, options.build)
+
+
+def _study(options) -> None:
+    study = _described_study(options)
+    if options.cases:
+        builds = dict.fromkeys(one.build for one in study.stimuli)
+        print("\n".join(f"scene={one.scene} fog={one.fog or ''} {one.foggy('.png')}" for one in builds))
+        return
+    from pipeline.study.page import write_page
+    from pipeline.study.stimuli import pictures, write_sheet
+
+    shown = {one.name: pictures(one) for one in study.stimuli}
+    write_page(study, shown)
+    print(f"done: {study.page}, {write_sheet(study, shown)}")
+
+
+def _study_results(options) -> None:
+    from pipeline.study.answers import Collected, collect
+    from pipeline.study.results import write_results
+    from pipeline.study.simulated import MOST, participants
+
+    study = _described_study(options)
+    if options.simulate and options.answers:
+        raise InputError("both answers and simulate are there", place="command line", remedy="give one of them")
+    if options.simulate and not (options.simulate.isdecimal() and 1 <= int(options.simulate[:9]) <= MOST):
+        raise InputError(f"simulate={options.simulate[:40]}", place="command line", remedy=f"give a whole number from 1 to {MOST}")
+    if options.simulate:
+        found = Collected(participants(study, int(options.simulate), options.seed), [])
+    else:
+        found = collect(Path(options.answers), study) if options.answers else Collected([], [])
+    for line in found.left_out:
+        print(f"left out: {line}", file=sys.stderr)
+    simulated = bool(options.simulate)
+    drawn = write_results(study, found.participants, found.left_out, simulated=simulated)
+    if not drawn:
+        print("note: no picture without matplotlib; run make setup-figures", file=sys.stderr)
+    told = f"{len(found.participants)} {'SIMULATED ' if simulated else ''}participants" if found.participants else "no answers were collected"
+    print(f"done: {told}; {', '.join(str(study.results(s, simulated)) for s in ('.csv', '.json', *(('.png', '.svg') if drawn else ())))}")
 
 
 def _photos(options) -> int:

@@ -20,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "study"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -145,6 +145,11 @@ class Build:
         return self.shared / "overlay.png"
 
     @property
+    def truth(self) -> Path:
+        """What the camera of a scene that we made would have seen in the fog, rendered from its model."""
+        return self.source / "truth" / f"{self.fog or 'default'}.exr"
+
+    @property
     def ladder(self) -> Path:
         """The photograph and all its fogs, side by side."""
         return self.shared / "ladder.png"
@@ -225,17 +230,21 @@ class Build:
 
 def inside(build: Build, name: str, stated_at: str | None = None) -> Path:
     """A file of the scene's folder; a name that leads out of it is refused, with `stated_at` [FILE:LINE]."""
-    path = build.source / name
+    return inside_folder(build.source, name, stated_at or str(build.scene_file), "scene")
+
+
+def inside_folder(folder: Path, name: str, stated_at: str, whose: str) -> Path:
+    """A file of `folder`, which is that of the scene or whatever else names it."""
+    path = folder / name
     try:
         if "\0" in name:
             raise ValueError
-        path.resolve().relative_to(build.source.resolve())
+        path.resolve().relative_to(folder.resolve())
     except ValueError:
-        raise InputError(f"'{name}' leads out of the scene's folder",
-                         place=stated_at or str(build.scene_file),
-                         remedy=f"put the file into {build.source}") from None
+        raise InputError(f"'{name}' leads out of the {whose}'s folder", place=stated_at,
+                         remedy=f"put the file into {folder}") from None
     # a pipe or a device would be waited for without end
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise InputError(f"'{name}' is no plain file", place=stated_at or str(build.scene_file),
+        raise InputError(f"'{name}' is no plain file", place=stated_at,
                          remedy="name a file that holds the data itself")
     return path

@@ -597,3 +597,29 @@ def test_two_at_the_same_time(scene):
     assert stated == pytest.approx(-np.log(0.05) / float(last), rel=1e-6), "float32 in the file's header"
     assert scene.redone_for(f"fog.visibility={last}") == ["composite", "report"], "which were not asked for"
     assert leftovers(scene.root) == []
+
+
+# ---- the user study ----------------------------------------------------------------------------
+
+def test_study_makes_what_it_shows_and_a_page(scene):
+    """From the description to the page: a fog that was removed is made anew, another that is there stays."""
+    scenes, made = scene.root / "scenes", scene.root / "build"
+    shutil.copy(scenes / "tiny/photograph.png", scenes / "real.png")
+    (scenes / "study.yaml").write_text("stimuli:\n  one: {scene: tiny, real: real.png}\n")
+    before = (made / "tiny/foggy.exr").stat().st_mtime_ns
+    result = scene.make("study")
+    assert result.returncode == 0, result.stderr
+    assert (made / "tiny/foggy.exr").stat().st_mtime_ns == before and stages(result.stderr) == []
+    assert {path.name for path in (made / "study").iterdir()} == {"study.html", "study.json", "stimuli.png"}
+    (made / "tiny/foggy.exr").unlink()
+    result = scene.make("study")
+    assert result.returncode == 0 and stages(result.stderr) == ["composite"]
+
+
+@pytest.mark.parametrize("arguments, told", [
+    (("study", "scene=tiny"), "leave out scene=tiny"), (("study", "fog.visibility=3"), "leave out fog.visibility"),
+    (("scene=tiny", "simulate=3"), "are for make study"), (("study-results", "simulate=x"), "give a whole number"),
+    (("study", "study=a b.yaml"), "study='a b.yaml'"), (("study-results", "answers=$(shell id)"), "answers="),
+    (("study", "study=none.yaml"), "none.yaml: no such study file"), (("truth", "scene=tiny", "fogs=thick"), "has no model/foggy.py")])
+def test_what_is_no_study_is_refused(arguments, told, scene):
+    assert told in refused(scene.make(*arguments))

@@ -121,25 +121,34 @@ def checked(text: SceneText, overrides: dict[str, str], fog: str | None) -> Mode
                              + ", ".join(known) + nearest(fog, known) if known else "add it below 'fogs:'")
     for key, value in overrides.items():
         _override(text, model, key, value, fog)
-    try:
-        scene = model.model_validate(text.values)
-    except ValidationError as error:
-        raise _complaint(error, text, model) from None
+    scene = validated(text, model)
     return scene if fog is None else scene.model_copy(update={"fog": scene.fogs[fog]})
 
 
-def read_scene(path: Path) -> SceneText:
-    """The file's values and lines; tags, aliases, repeated keys and oversized files are refused."""
+def validated(text: SceneText, model: type[Model]) -> Model:
+    """What the file describes. Raises InputError naming file, line, value and what is allowed."""
+    try:
+        return model.model_validate(text.values)
+    except ValidationError as error:
+        raise _complaint(error, text, model) from None
+
+
+def read_scene(path: Path, what: str = "scene", first: str = "photograph, camera, shapes, lights, fog") -> SceneText:
+    """The file's values and lines; tags, aliases, repeated keys and oversized files are refused.
+
+    what: is described, of which `first` are what to begin with.
+    """
     try:
         if path.exists() and not path.is_file():
             raise InputError("is no plain file", place=str(path), remedy="give a UTF-8 text file")
         size = path.stat().st_size
         if size > MAX_BYTES:
-            raise InputError(f"scene file of {size} bytes", place=str(path),
+            raise InputError(f"{what} file of {size} bytes", place=str(path),
                              remedy=f"keep it below {MAX_BYTES} bytes, and pictures in files of their own; {FIXED}")
         content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError("no such scene file", place=str(path), remedy=scenes_beside(path.parent)) from None
+        raise InputError(f"no such {what} file", place=str(path), remedy=scenes_beside(path.parent) if what == "scene"
+                         else f"write it, with {first}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy="give a readable UTF-8 text file") from None
@@ -148,11 +157,10 @@ def read_scene(path: Path) -> SceneText:
     try:
         root = yaml.compose(content)
         if root is None:
-            raise InputError("the scene file is empty", place=f"{path}:1",
-                             remedy="state at least photograph, camera, shapes, lights and fog")
+            raise InputError(f"the {what} file is empty", place=f"{path}:1", remedy=f"state at least {first}")
         if not isinstance(root, MappingNode):
-            raise InputError("the scene file is not a group of 'name: value' lines", place=f"{path}:1",
-                             remedy="start its lines with photograph:, camera:, shapes:, lights:, fog:")
+            raise InputError(f"the {what} file is not a group of 'name: value' lines", place=f"{path}:1",
+                             remedy=f"start its lines with {first.replace(',', ':,')}:")
         lines: dict[Keys, int] = {(): 1}
         return SceneText(path, _values(root, (), path, lines, set(), yaml.constructor), lines)
     except MarkedYAMLError as error:
@@ -265,7 +273,7 @@ def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> I
     where = min(found, key=lambda w: (not text.is_overridden(w), text.line(w), -len(w)))
     problems = found[where]
     kind, context = problems[0]["type"], problems[0].get("ctx", {})
-    dotted = ".".join(map(str, where)) or "scene"
+    dotted = ".".join(map(str, where)) or "the file"
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     if kind == "mistake":
         said, remedy = f"{dotted}: {context['problem']}", context["remedy"]
