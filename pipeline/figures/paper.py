@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.figures import framework, sheets, timing
+from pipeline.figures import framework, sheets, stimuli, timing
 from pipeline.figures.pictures import Pictures
 from pipeline.figures.sheets import Panel
 from pipeline.figures.validation import error_curves
@@ -96,6 +96,12 @@ FIGURES = [
     Figure("fig10", "Mean square error of the composite, values clipped to [0, 1], against absorption, scattering and"
            " the extinction of height fog. `exact but midpoint`: what is left where all is exact but the lamp's"
            " midpoint stands for its area, as in the paper.", (), error_curves),
+    Figure("fig13", "Stimuli of a user study: clear, synthetic fog, and fog rendered into the scene's own model. Where a"
+           " person has a real photograph in fog, `make study` takes that.", (("building", "moderate"),), stimuli.one_group),
+    Figure("fig14", "The same for thinner and thicker fog.", (("building", "moderate"), ("building", None), ("building", "thick")),
+           stimuli.densities),
+    Figure("fig15", "What people took for the real one. Nobody's answers are invented: without any the figure says so.",
+           (), stimuli.answers),
     Figure("table1", "Seconds of each stage in one run, with nothing made before (cold) and for another fog of the same"
            " scene, beside the paper's.", (), timing.draw),
 ]

@@ -66,9 +66,12 @@ def grid(path: Path, rows: Sequence[Sequence[Panel]]) -> None:
                 axes.text(0.5, 0.5, one.title, ha="center", va="center", wrap=True, transform=axes.transAxes)
             else:
                 axes.imshow(one.image, interpolation="lanczos" if w > 200 else "nearest", aspect="auto")
-                figure.text((left + width / 2) / WIDTH, 1 - (top + height + 0.15) / total, f"({chr(letter)}) {one.title}",
-                            ha="center", va="center")
-            left, letter = left + width, letter + 1
+                text = f"({chr(letter)}) {one.title}"
+                # a letter is about half as wide as high
+                size = min(8.0, 72 * width / (0.52 * len(text)))
+                figure.text((left + width / 2) / WIDTH, 1 - (top + height + 0.12) / total, text, ha="center", va="center", size=size)
+                letter += 1
+            left += width
         top += height + 0.24
     save(figure, path)
 
