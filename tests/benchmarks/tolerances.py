@@ -17,6 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from pipeline import chain
 from pipeline.errors import InputError
 from pipeline.paths import Build
 from pipeline.planning import accuracy, trial
@@ -78,8 +79,8 @@ def main() -> None:
             try:
                 with quiet():
                     importlib.import_module("pipeline.stages.resolve").run(build, {})
-                    for stage in SHARED if fog is FOGS[scene][0] else ():
-                        importlib.import_module(f"pipeline.stages.{stage}").run(build)
+                    if fog is FOGS[scene][0]:
+                        chain.run(build, SHARED, done=lambda name, seconds: None)
             except InputError as error:
                 print(f"{scene}, fog {fog or 'default'}: left out: {error}", flush=True)
                 continue
@@ -87,6 +88,7 @@ def main() -> None:
                 rows.append(row := measured(build, tolerance))
                 print(f"{scene}, fog {row['fog']}, tolerance {tolerance:g}: {row['true_error']:.2%}"
                       f" ({row['expected_error']:.2%} expected); estimate {row['estimate']:.2%}, at most holds in {row['coverage']:.0%}", flush=True)
+    asked.build.mkdir(parents=True, exist_ok=True)
     with open(asked.build / "tolerances.csv", "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, FIELDS)
         table.writeheader()
