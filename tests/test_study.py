@@ -191,9 +191,8 @@ def test_sheets_show_every_picture(tmp_path):
     whole = sheet(study, shown)
 
     def holds(picture) -> bool:
-        """Whether some row of the sheet has a stretch of the picture's: panels of this size are not scaled."""
-        found = cv2.matchTemplate(whole, picture[10:26, 10:42], cv2.TM_SQDIFF)
-        return float(found.min()) < 1e-3 * float(found.mean())  # a sum of squares by way of a Fourier transform
+        """Whether the sheet has a part of the picture: panels of this size are not scaled. Noise elsewhere correlates below 0.9."""
+        return float(cv2.matchTemplate(whole, picture[10:26, 10:42], cv2.TM_CCOEFF_NORMED).max()) > 0.999
 
     assert all(holds(shown[one.name].synthetic) and holds(shown[one.name].other) for one in study.counted)
     assert holds(shown["plain"].clear) and not holds(shown["first"].other), "what is practised is no figure"
@@ -235,11 +234,11 @@ def test_texts_of_the_description_are_escaped(written):
 
 
 def test_nothing_before_the_answer_says_which_one_is_true(tmp_path):
-    """Over 400 pages the true one is first of its pair as often as not (four standard errors: 0.1), by the table alone."""
+    """Over 150 pages the true one is first of its pair as often as not (four standard errors: 0.17), by the table alone."""
     study, first, marks = made(tmp_path), [], []
     shown = noise(study, (8, 8))
-    for number in range(400):
-        shown["plain"].other[0, 0] = number // 256, number % 256, 0
+    for number in range(150):
+        shown["plain"].other[:4, :4] = number
         text, _ = page(study, shown)
         data = data_of(text)
         truth = cv2.imencode(".jpg", shown["plain"].other[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
@@ -250,9 +249,9 @@ def test_nothing_before_the_answer_says_which_one_is_true(tmp_path):
         assert one["mark"].bit_count() % 2 == place, "the mark's parity says it"
         first.append(place)
         marks.append(one["mark"] & 1)
-    assert abs(np.mean(first) - 0.5) < 0.1 and abs(np.mean(marks) - 0.5) < 0.1
+    assert abs(np.mean(first) - 0.5) < 0.17 and abs(np.mean(marks) - 0.5) < 0.17
     # neither the order in the list, nor the mark's last bit, goes with it
-    assert abs(np.corrcoef(first, marks)[0, 1]) < 4 / 20
+    assert abs(np.corrcoef(first, marks)[0, 1]) < 4 / np.sqrt(150)
 
 
 def test_pictures_have_one_encoding_and_no_metadata(written):

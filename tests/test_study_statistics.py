@@ -78,13 +78,23 @@ def test_a_stimulus_without_answers_is_no_test(tmp_path):
     assert plain.p_holm == dense.p_holm == 1.0
 
 
-def test_guesses_are_told_from_chance_as_rarely_as_promised(tmp_path):
-    """600 studies of 11 who guess: with Holm at 5 % at least one of three stimuli differs in at most 5 % of them.
+def test_guesses_are_told_from_chance_as_rarely_as_promised():
+    """2000 studies of 50 who guess at three stimuli: with Holm at 5 % one or more differ from chance in at most 5 % of them.
 
-    The count of 600 then stays below 5 % + 4 standard errors = 8.6 %; without a correction about 12 % of studies would fail,
-    were the test not discrete.
+    Its count stays below that + 4 standard errors = 7 %; without the correction it would be 10 % (33 of 1000 guesses of 50 have
+    p < 0.05, as 17 or fewer are right, or 33 or more).
     """
+    right = np.random.default_rng(4).binomial(50, 0.5, (2000, 3))
+    p = {k: chance(k, 50) for k in range(51)}
+    raw = [[p[int(k)] for k in study] for study in right]
+    limit = 0.05 + 4 * np.sqrt(0.05 * 0.95 / 2000)
+    assert 0.02 < np.mean([min(holm(one)) < 0.05 for one in raw]) < limit < np.mean([min(one) < 0.05 for one in raw])
+
+
+def test_those_who_are_simulated_guess(tmp_path):
+    """500 of them, three stimuli: right half the time, within 4 standard errors, and late as often as said."""
     study = made(tmp_path)
-    guesses = participants(study, 6600, 1)
-    found = [any(one.p_holm < 0.05 for one in tally(study.counted, guesses[k:k + 11])) for k in range(0, 6600, 11)]
-    assert len(found) == 600 and 0 < np.mean(found) < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 600)
+    people = participants(study, 500, 1)
+    whole = pooled(tally(study.counted, people), people)
+    assert whole.share == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(1500)) and whole.picked_a / whole.answered == pytest.approx(0.5, abs=0.06)
+    assert whole.timed_out / 1500 == pytest.approx(0.03, abs=4 * np.sqrt(0.03 * 0.97 / 1500))
