@@ -115,7 +115,7 @@ export FOG_BUILD := $(BUILD)
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph,$(goals))$(fog)$(fogs)$(dotted),)
+  ifneq ($(filter all resolve closure export crosscheck compare truth ladder tradeoff photograph,$(goals))$(fog)$(fogs)$(dotted),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -146,7 +146,7 @@ $(READY): pipeline/requirements.lock
 	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup setup-mitsuba setup-figures
+.PHONY: povray setup setup-mitsuba setup-figures setup-compare
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
 	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
@@ -172,6 +172,12 @@ setup-figures: $(READY)
 	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-figures.lock || \
 	  { echo "error: matplotlib could not be installed; see above, and run make setup-figures again" >&2; exit 2; }
 
+# only `make compare` runs these tools; without their own OpenCV, which would take the place of ours
+setup-compare: $(READY)
+	@echo "set-up: albumentations, imagecorruptions and euler-preprocess into $(VENV)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-compare.lock || \
+	  { echo "error: they could not be installed; see above, and run make setup-compare again" >&2; exit 2; }
+
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
@@ -191,7 +197,7 @@ clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
 
-.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate FORCE
+.PHONY: all resolve closure export crosscheck compare truth ladder tradeoff calibrate FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -253,6 +259,13 @@ export: $(O)/report.html
 
 crosscheck: $(O)/report.html
 	$(run) crosscheck
+
+compare: $(O)/report.html
+	$(run) compare
+
+# by the project's own models and programs; of a scene's folder nothing is run
+truth: resolve
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation.ground_truth
 
 # one fog after the other, each by a make of its own
 ladder: $(READY) | povray
@@ -326,6 +339,8 @@ help:
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
+	@echo "  make compare scene=NAME  the same photograph in fog by us and by others, into build/NAME/compare/"
+	@echo "  make truth scene=NAME    the model of bathroom, building, lamps or cornell itself in fog, for compare; long"
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
 	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
@@ -344,6 +359,7 @@ help:
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's picture"
+	@echo "  make setup-compare       installs albumentations, imagecorruptions and euler-preprocess besides, for compare"
 	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"

@@ -42,12 +42,12 @@ class Quality:
     """size [pixel]: longer side of the picture; rays: a side in each pixel; directions: from each point; rounds of scattering;
     share: of the model's points where an eye ray is lit; count: POV-Ray's radiosity rays."""
 
-    size: int = 160
+    size: int = 128
     rays: int = 2
-    directions: int = 200
+    directions: int = 128
     rounds: int = 3
     share: float = 1.0
-    count: int = 80
+    count: int = 50
     coarser: int = 1
 
 
@@ -72,6 +72,9 @@ class _Group:
         self.nodes = tuple(axis[::quality.coarser] if len(axis[::quality.coarser]) > 1 else axis[[0, -1]]
                            for axis in model.nodes)
         self.statement = "" if medium is None else self._statement()
+        extinction = 0.0 if medium is None else float(np.sum(medium.coefficients(), 0).min())
+        #: [m] where rays end that meet nothing: no farther than one sees, or few of their samples would lie near
+        self.reach = min(model.farthest, DEEPEST / max(extinction, 1e-12)) if extinction else model.farthest
         self.scattering = np.zeros(3) if medium is None else medium.coefficients()[1]
 
     def seen(self) -> np.ndarray:
@@ -150,8 +153,7 @@ class _Group:
     def _scattered(self, towards_eye: np.ndarray) -> np.ndarray:
         """(h, w, 3) at all rays: the integral of scattering T J along them."""
         position, directions = self.camera.position, self.camera.directions(self.camera.pixel_centres())
-        extinction = float(np.sum(self.medium.coefficients(), 0).min())
-        reach = np.minimum(self._depth(), DEEPEST / max(extinction, 1e-12))
+        reach = self._depth()
         x, w = np.polynomial.legendre.leggauss(ALONG)
         field = towards_eye.reshape(*(len(a) for a in self.nodes), 3)
         total = np.zeros((*reach.shape, 3))
@@ -175,7 +177,7 @@ class _Group:
         size = self.camera.width, self.camera.height
         switches = {**self.group.switches, **self.model.quick, "Emitters_Seen": 0}
         with_, without = (self._render(size, flat + self._backdrop() + media, switches) for media in (shine, ""))
-        return np.clip(10 * (with_ - without)[..., 1], 0, self.model.farthest)
+        return np.clip(10 * (with_ - without)[..., 1], 0, self.reach)
 
     # ---- statements in POV-Ray's language --------------------------------------------------------------------
     def _statement(self) -> str:
@@ -232,7 +234,7 @@ class _Group:
 
     def _backdrop(self) -> str:
         """Where rays end that meet nothing: POV-Ray's fog there would have no end."""
-        eye, radius = self.model.camera.position * self.model.metre, self.model.farthest * self.model.metre
+        eye, radius = self.model.camera.position * self.model.metre, self.reach * self.model.metre
         return (f"sphere {{ {_vector(eye)}, {radius} hollow no_shadow pigment {{ rgb {_vector(self.group.sky)} }}"
                 " finish { ambient 0 diffuse 0 emission 1 } }\n")
 

@@ -67,7 +67,7 @@ def _bathroom() -> Model:
                     np.array(c["world_from_camera"]), np.array(c["position_m"]))
     nodes = tuple(np.linspace(a + 0.04, b - 0.04, n) for a, b, n in zip(low, high, (8, 7, 10)))
     return Model(SCENES / "bathroom/model/bathroom.pov", 1, camera, 7, (
-        Group({"Sun_On": 0, "Sublights": 4}),
+        Group({"Sun_On": 0, "Sublights": 4}, samples=40),
         Group({"Ceiling_On": 0, "Mirror_On": 0, "Sky_On": 0}, samples=160,
               container=(tuple(low), tuple(high)))), nodes, {"Sublights": 2})
 
@@ -76,15 +76,15 @@ def _building() -> Model:
     known = _known("building")
     nodes = (np.array([-50, -14, -6.2, -4, -1.5, 1, 3, 5, 7.2, 16, 50.0]), np.array([0.15, 1.2, 3, 6, 10, 16, 28, 80]),
              -np.array([-6, 2, 6, 10, 14, 19, 25, 32, 40, 50, 63.5, 90, 150.0]))
-    group = Group(clear=True, samples=120, sky=tuple(known["sky"]["radiance_photo_unit"]))
+    group = Group(clear=True, samples=400, sky=tuple(known["sky"]["radiance_photo_unit"]))
     return Model(SCENES / "building/model/building.pov", 1, _street_camera(known["camera"]), 2, (group,), nodes,
                  farthest=2000.0)
 
 
 def _lamps() -> Model:
     known = _known("lamps")
-    nodes = (np.array([-7.8, -5.8, -4.3, -2, 0, 2, 4.3, 5.8, 7.8]), np.array([0.16, 1.2, 2.6, 4, 5.6, 7.5, 11, 25]),
-             -np.array([-8, -2, 2, 5.5, 9, 12.5, 17.2, 20, 25.5, 31, 36.5, 42, 50, 58, 66, 79.8]))
+    nodes = (np.array([-7.8, -5, -2.5, 0, 2.5, 5, 7.8]), np.array([0.16, 1.5, 3.2, 5, 7.5, 12, 25]),
+             -np.array([-8, -2, 3, 8, 13, 17.3, 22, 30, 40, 52, 64, 79.8]))
     return Model(SCENES / "lamps/model/lamps.pov", 1, _street_camera(known["camera"]), 2, (
         Group({"Sky_On": 0}, samples=256),
         Group({"Lamps_On": 0}, clear=True, samples=1, sky=tuple(known["sky_radiance_photo_unit"]))), nodes, farthest=150.0)
