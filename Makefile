@@ -124,15 +124,15 @@ export FOG_BUILD := $(BUILD)
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
+  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
 ifeq ($(MAKELEVEL),0)
-  ifeq ($(filter ladder truth,$(goals)),)
+  ifeq ($(filter ladder study-truth,$(goals)),)
     $(if $(fogs),$(error fogs= is for the ladder: make ladder scene=$(scene) fogs="$(fogs)"))
   else
-    $(if $(fog),$(error $(firstword $(filter ladder truth,$(goals))) takes several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
+    $(if $(fog),$(error $(firstword $(filter ladder study-truth,$(goals))) takes several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
   endif
   ifneq ($(filter study study-results,$(goals)),)
     $(if $(scene)$(dotted),$(error a study's description says which scenes and fogs it shows: leave out $(if $(scene),scene=$(scene),$(firstword $(dotted))=...), or name another one: study=FILE))
@@ -160,7 +160,7 @@ $(READY): pipeline/requirements.lock
 	  refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup setup-mitsuba setup-figures setup-browser
+.PHONY: povray setup setup-mitsuba setup-figures setup-browser setup-compare
 povray:
 	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
 	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
@@ -204,6 +204,12 @@ setup-browser: $(READY)
 	  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; } >/dev/null </dev/null || \
 	{ echo "error: Chromium could not be installed; run: sudo apt-get install chromium" >&2; exit 2; }
 
+# only `make compare` runs these tools; without their own OpenCV, which would take the place of ours
+setup-compare: $(READY)
+	@echo "set-up: albumentations, imagecorruptions and euler-preprocess into $(VENV)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-compare.lock || \
+	  { echo "error: they could not be installed; see above, and run make setup-compare again" >&2; exit 2; }
+
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
@@ -231,7 +237,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate study study-results truth FORCE
+.PHONY: all resolve closure export crosscheck compare ladder tradeoff calibrate study study-results study-truth truth FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -294,6 +300,13 @@ export: $(O)/report.html
 crosscheck: $(O)/report.html
 	$(run) crosscheck
 
+compare: $(O)/report.html
+	$(run) compare
+
+# by the project's own models and programs; of a scene's folder nothing is run
+truth: resolve
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation.ground_truth
+
 # one fog after the other, each by a make of its own
 ladder: $(READY) | povray
 	$(run) resolve
@@ -351,7 +364,7 @@ study-results: $(FIGURES_READY)
 	@$(PY) -m pipeline study-results --seed $(seed)
 
 # what a camera would have seen, rendered from the model of a scene that we made
-truth: setup
+study-truth: setup
 	@[ -f $(SCENES)/$(scene)/model/foggy.py ] || \
 	  { echo "error: $(SCENES)/$(scene) has no model/foggy.py; fog was not rendered into its model" >&2; exit 2; }
 	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
@@ -416,13 +429,15 @@ help:
 	@echo "  make closure scene=NAME  checks photograph * T + V against fog and surfaces rendered in one pass"
 	@echo "  make export scene=NAME to=mitsuba   the scene for another renderer (mitsuba, pbrt), into build/NAME/export/mitsuba/"
 	@echo "  make crosscheck scene=NAME   T and V of each light, and of all together, against Mitsuba 3's"
+	@echo "  make compare scene=NAME  the same photograph in fog by us and by others, into build/NAME/compare/"
+	@echo "  make truth scene=NAME    the model of bathroom, building, lamps or cornell itself in fog, for compare; long"
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
 	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make figures             the paper's figures and its table from this project's scenes, into build/figures/figures.html and .pdf"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
 	@echo "  make study               a page that asks which foggy picture is the real one, into build/study/study.html"
 	@echo "  make study-results answers=FOLDER   what people answered: the paper's Fig. 15, with intervals and tests"
-	@echo "  make truth scene=building fogs=\"NAME NAME\"   renders fog into the model of a scene that we made; some minutes a fog"
+	@echo "  make study-truth scene=building fogs=\"NAME NAME\"   for the study: renders fog into the model of a scene that we made; some minutes a fog"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
@@ -440,6 +455,7 @@ help:
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's and the study's figures"
 	@echo "  make setup-browser       installs Playwright and Chromium besides, for test-browser"
+	@echo "  make setup-compare       installs albumentations, imagecorruptions and euler-preprocess besides, for compare"
 	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
 	@echo "variables"

@@ -78,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, what in [*STAGES.items(), ("closure", "checks R*T + V against fog and surfaces in one render"),
                        ("export", "the scene in another program's language"),
                        ("crosscheck", "T and V against Mitsuba's"),
+                       ("compare", "fog by us and by others, side by side"),
                        ("tradeoff", "time against error of knobs and plans"),
                        ("ladder", "the scene's named fogs side by side"), ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)

@@ -20,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "study"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "study", "compare"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -145,7 +145,7 @@ class Build:
         return self.shared / "overlay.png"
 
     @property
-    def truth(self) -> Path:
+    def study_truth(self) -> Path:
         """What the camera of a scene that we made would have seen in the fog, rendered from its model."""
         return self.source / "truth" / f"{self.fog or 'default'}.exr"
 
@@ -208,6 +208,16 @@ class Build:
     def crosscheck(self) -> Path:
         """T and V against another renderer's; the picture beside it is of the same name."""
         return self.out / "crosscheck.json"
+
+    @property
+    def compare(self) -> Path:
+        """The same photograph in fog by us and by others."""
+        return self.out / "compare"
+
+    @property
+    def truth(self) -> Path:
+        """The model of a photograph in this fog, where there is one and `make truth` was asked; facts are beside it."""
+        return self.out / "truth.exr"
 
     @property
     def manifest(self) -> Path:

@@ -620,6 +620,6 @@ def test_study_makes_what_it_shows_and_a_page(scene):
     (("study", "scene=tiny"), "leave out scene=tiny"), (("study", "fog.visibility=3"), "leave out fog.visibility"),
     (("scene=tiny", "simulate=3"), "are for make study"), (("study-results", "simulate=x"), "give a whole number"),
     (("study", "study=a b.yaml"), "study='a b.yaml'"), (("study-results", "answers=$(shell id)"), "answers="),
-    (("study", "study=none.yaml"), "none.yaml: no such study file"), (("truth", "scene=tiny", "fogs=thick"), "has no model/foggy.py")])
+    (("study", "study=none.yaml"), "none.yaml: no such study file"), (("study-truth", "scene=tiny", "fogs=thick"), "has no model/foggy.py")])
 def test_what_is_no_study_is_refused(arguments, told, scene):
     assert told in refused(scene.make(*arguments))

@@ -47,6 +47,7 @@ def test_listed_with_parameters_and_units():
     assert "  murk: Even, grey fog" in done.stdout
     assert "    extinction [1/m] required >= 0 <= 1000000.0: light lost a metre" in done.stdout
     assert "    albedo [1] default 0.9" in done.stdout
+    assert "  grey: The photograph's mean, everywhere." in done.stdout
 
 
 def test_in_the_json_schema(tmp_path):

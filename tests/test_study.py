@@ -68,7 +68,7 @@ def test_another_study_has_a_folder_of_its_own(tmp_path):
     ("told: {scene: tiny", "told: {scene: tny", ("study.yaml:8", "no such scene file", "did you mean 'tiny'")),
     ("told: {scene: tiny", "told: {scene: ../tiny", ("study.yaml:8", "told.scene")),
     ("told: {scene: tiny", "told: {scene: study", ("study.yaml:8", "scene name 'study'")),
-    ("told: {scene: tiny, fog: thick,", "told: {scene: tiny,", ("study.yaml:8", "no rendered truth", "make truth scene=tiny fogs=default")),
+    ("told: {scene: tiny, fog: thick,", "told: {scene: tiny,", ("study.yaml:8", "no rendered truth", "make study-truth scene=tiny fogs=default")),
     ("first:", "plain:", ("study.yaml:4", "'plain' is a stimulus, too")),
     ("plain:", "3plain:", ("study.yaml:6", "a name of letters")),
     ("heavy <b>fog</b>", '"heavy\\nfog"', ("study.yaml:7", "density")),
@@ -176,7 +176,7 @@ def test_the_truth_of_another_fog_is_refused(rendered, key, value):
         line = refused(lambda: pictures(told))
     finally:
         told.other.write_bytes(kept)
-    assert "study.yaml:8" in line and "another fog" in line and "make truth scene=tiny fogs=thick" in line
+    assert "study.yaml:8" in line and "another fog" in line and "make study-truth scene=tiny fogs=thick" in line
 
 
 def test_a_fog_that_was_not_made(tmp_path):

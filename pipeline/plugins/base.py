@@ -31,7 +31,7 @@ from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane, polygon_normal
 from pipeline.geometry.raycast import first_hits
 
-KINDS = ("shapes", "lights", "media", "phase_functions", "estimators", "exporters")
+KINDS = ("shapes", "lights", "media", "phase_functions", "estimators", "exporters", "baselines")
 
 
 def parameter(default: Any = ..., unit: str = "", **constraints):
@@ -417,9 +417,15 @@ class Exporter(Plugin):
         raise NotImplementedError(type(self).__name__)
 
 
+class Baseline(Plugin):
+    """Fog as others put it into a photograph, without light and shape: what ours is held against by `make compare`."""
+
+    kind: ClassVar[str] = "baselines"
+
+
 BASES: dict[str, type[Plugin]] = {
     "shapes": Shape, "lights": Light, "media": Medium,
-    "phase_functions": PhaseFunction, "estimators": Estimator, "exporters": Exporter,
+    "phase_functions": PhaseFunction, "estimators": Estimator, "exporters": Exporter, "baselines": Baseline,
 }
 
 

@@ -141,10 +141,10 @@ def _stimulus(text: SceneText, group: str, name: str, described: StimulusDescrip
             raise InputError(f"{group}.{name}: real = '{described.real}': no such file in {text.path.parent}",
                              place=text.place((group, name, "real")), remedy="correct its name, or put the photograph there")
     else:
-        other = build.truth
+        other = build.study_truth
         if not other.is_file():
             raise InputError(f"{group}.{name}: no rendered truth {other}", place=text.place((group, name, "truth")),
-                             remedy=f"run: make truth scene={build.scene} fogs={build.fog or 'default'}, for a scene whose"
+                             remedy=f"run: make study-truth scene={build.scene} fogs={build.fog or 'default'}, for a scene whose"
                                     " model/ has a foggy.py, or give a photograph as 'real'")
     metres = visibility(sum(medium.coefficients()))
     density = described.density or f"{visibility_class(metres)}, {metres:.3g} m"

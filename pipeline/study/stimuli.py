@@ -80,7 +80,7 @@ def _photograph(stimulus: Stimulus, size: tuple[int, int]) -> np.ndarray:
 def _truth(stimulus: Stimulus, size: tuple[int, int]) -> np.ndarray:
     """A rendered truth of just this fog and this photograph's pixels."""
     build = stimulus.build
-    remake = f"run: make truth scene={build.scene} fogs={stimulus.fog}"
+    remake = f"run: make study-truth scene={build.scene} fogs={stimulus.fog}"
     metadata = read_metadata(stimulus.other)
     stated = [metadata.get(f"fog:{name}_coefficient_per_m", np.nan) for name in ("absorption", "scattering")]
     stated.append(metadata.get("fog:asymmetry", np.nan))

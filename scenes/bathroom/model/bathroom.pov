@@ -8,12 +8,14 @@
 //   Global_Illumination  0 direct light only, 1 quick, 2 the photograph (default), 3 slower, for comparison
 //   Sublights            per light and side; 3 shows steps in the shadows, 6 hides them (default 6)
 //   Reuse_Indirect       1 with +RFI +RFfile: take the indirect light from an earlier render's +RFO +RFfile
+//   Emitters_Seen        0 makes lamps and window black where they are seen; what they light stays
 //   Ceiling_On, Mirror_On, Sky_On, Sun_On   0 puts a light out; the picture is the sum of its lights
 #version 3.7;
 
 #ifndef (Global_Illumination) #declare Global_Illumination = 2; #end
 #ifndef (Reuse_Indirect) #declare Reuse_Indirect = 0; #end
 #ifndef (Sublights) #declare Sublights = 6; #end
+#ifndef (Emitters_Seen) #declare Emitters_Seen = 1; #end
 #ifndef (Ceiling_On) #declare Ceiling_On = 1; #end
 #ifndef (Mirror_On) #declare Mirror_On = 1; #end
 #ifndef (Sky_On) #declare Sky_On = 1; #end
@@ -66,7 +68,7 @@ camera {
 #macro Emitter(Corner, Edge_1, Edge_2, L)
   polygon {
     5, Corner, Corner + Edge_1, Corner + Edge_1 + Edge_2, Corner + Edge_2, Corner
-    texture { pigment { rgb L } finish { ambient 0 diffuse 0 emission 1 } }
+    texture { pigment { rgb L } finish { ambient 0 diffuse 0 emission Emitters_Seen } }
     no_shadow no_radiosity
   }
 #end
@@ -181,3 +183,6 @@ union {
 }
 
 #include "clutter.inc"
+
+// ground truth in fog (make truth) brings the fog along, and takes another camera where it needs one
+#ifdef (In_Fog) #include "in_fog.inc" #end

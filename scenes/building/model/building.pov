@@ -113,3 +113,6 @@ union {
 #for (I, 0, 3)
   cylinder { 0, y * Bollard_Height, 0.07 Part(<0.35, 0.33, 0.30>) translate Bollard + <0, 0, -2.4 * I> Shown(8) }
 #end
+
+// ground truth in fog (make truth) brings the fog along, and takes another camera where it needs one
+#ifdef (In_Fog) #include "in_fog.inc" #end

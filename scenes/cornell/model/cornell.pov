@@ -10,6 +10,7 @@ global_settings {
                 pretrace_end 0.01 low_error_factor 0.6 gray_threshold 0 brightness 1 minimum_reuse 0.01 }
   #end
 }
+#ifndef (Emitters_Seen) #declare Emitters_Seen = 1; #end   // 0: the lamp is black where it is seen; what it lights stays
 #declare Metre = 10;
 #declare Eye = <0.03, 1.04, 3.9>;
 #declare Forward = vnormalize(<0.01, 0.97, 0> - Eye);
@@ -33,7 +34,7 @@ Box(<-0.33, 0.6, -0.28>, <0.3, 0.6, 0.3>, 18)
 Box(<0.33, 0.3, 0.38>, <0.3, 0.3, 0.3>, -18)
 // the lamp, seen from below; what it throws upwards is nothing
 polygon { 5, <-0.25, 1.98, -0.2> * Metre, <0.25, 1.98, -0.2> * Metre, <0.25, 1.98, 0.2> * Metre, <-0.25, 1.98, 0.2> * Metre,
-          <-0.25, 1.98, -0.2> * Metre pigment { rgb <17, 12, 7> } finish { ambient 0 diffuse 0 emission 1 } no_radiosity no_shadow }
+          <-0.25, 1.98, -0.2> * Metre pigment { rgb <17, 12, 7> } finish { ambient 0 diffuse 0 emission Emitters_Seen } no_radiosity no_shadow }
 #declare Cell = <0.5, 0, 0.4> / Lights;
 #for (I, 0, Lights - 1)
   #for (J, 0, Lights - 1)
@@ -41,6 +42,10 @@ polygon { 5, <-0.25, 1.98, -0.2> * Metre, <0.25, 1.98, -0.2> * Metre, <0.25, 1.9
       (<-0.25, 1.98 - 1e-4, -0.2> + Cell * <I + 0.5, 0, J + 0.5>) * Metre rgb <17, 12, 7> / 2
       spotlight point_at (<-0.25, 0, -0.2> + Cell * <I + 0.5, 0, J + 0.5>) * Metre radius 89.8 falloff 89.9 tightness 1
       fade_power 2 fade_distance sqrt(Cell.x * Cell.z / pi) * Metre
+      #ifdef (In_Fog) media_attenuation on #end
     }
   #end
 #end
+
+// ground truth in fog (make truth) brings the fog along, and takes another camera where it needs one
+#ifdef (In_Fog) #include "in_fog.inc" #end

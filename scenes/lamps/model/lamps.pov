@@ -7,7 +7,10 @@ global_settings {
   radiosity { count 200 nearest_count 6 error_bound 0.5 recursion_limit 2 pretrace_start 0.08 pretrace_end 0.02
               low_error_factor 0.6 gray_threshold 0 brightness 1 minimum_reuse 0.02 normal off }
 }
-background { rgb Night_Sky }
+#ifndef (Emitters_Seen) #declare Emitters_Seen = 1; #end   // 0: bulbs are black where they are seen; what they light stays
+#ifndef (Lamps_On) #declare Lamps_On = 1; #end             // 0: the sky alone
+#ifndef (Sky_On) #declare Sky_On = 1; #end                 // 0: all but the sky
+background { rgb Sky_On * Night_Sky }
 #declare Seed = seed(7);
 
 #declare Tilt = radians(Camera_Pitch);
@@ -22,8 +25,8 @@ camera {
   pigment { granite scale Size color_map { [0 rgb Albedo * 0.75] [1 rgb Albedo * 1.25] } } finish { ambient 0 diffuse 1 }
 #end
 #macro Bulb_Light(Place, Intensity, Radius)
-  light_source { Place rgb Intensity / (2 * pi * Radius * Radius) fade_power 2 fade_distance Radius }
-  sphere { Place, Radius pigment { rgb 1 } finish { ambient 0 diffuse 0 emission Intensity / (pi * Radius * Radius) } no_shadow no_radiosity }
+  #if (Lamps_On) light_source { Place rgb Intensity / (2 * pi * Radius * Radius) fade_power 2 fade_distance Radius #ifdef (In_Fog) media_attenuation on #end } #end
+  sphere { Place, Radius pigment { rgb 1 } finish { ambient 0 diffuse 0 emission Lamps_On * Emitters_Seen * Intensity / (pi * Radius * Radius) } no_shadow no_radiosity }
 #end
 
 // ground
@@ -51,7 +54,7 @@ box { <-Facade_Side, -1, -Street_End - 10>, <Facade_Side, 0, 20> Rough(Road_Albe
   #for (Z, From + 1.2, To - 2, 2.6)
     #for (Y, 1.0, Height - 2.2, 3.1)
       box { <Wall + Side * 0.2, Y, -Z - 1.3>, <Wall + Side * 0.24, Y + 1.7, -Z>
-        #if (rand(Seed) < 0.22) pigment { rgb 1 } finish { ambient 0 diffuse 0 emission <0.35, 0.22, 0.09> * (0.4 + rand(Seed)) }
+        #if (rand(Seed) < 0.22) pigment { rgb 1 } finish { ambient 0 diffuse 0 emission Lamps_On * <0.35, 0.22, 0.09> * (0.4 + rand(Seed)) }
         #else Matt(0.03) #end }
     #end
   #end
@@ -87,12 +90,15 @@ union {
 }
 #for (Side, -1, 1, 2)
   #local Place = <Car_X + Side * Beam_Side, Beam_Height, Car_Front>;
+  #if (Lamps_On)
   light_source {
     Place rgb Beam_Intensity / (2 * pi * Beam_Radius * Beam_Radius)
     spotlight point_at Beam_Target radius Beam_Inner falloff Beam_Outer tightness 0
     fade_power 2 fade_distance Beam_Radius
+    #ifdef (In_Fog) media_attenuation on #end
   }
-  sphere { Place, Beam_Radius scale <1, 1, 1> pigment { rgb 1 } finish { ambient 0 diffuse 0 emission Beam_Intensity / (pi * Beam_Radius * Beam_Radius) } no_shadow no_radiosity }
+  #end
+  sphere { Place, Beam_Radius scale <1, 1, 1> pigment { rgb 1 } finish { ambient 0 diffuse 0 emission Lamps_On * Emitters_Seen * Beam_Intensity / (pi * Beam_Radius * Beam_Radius) } no_shadow no_radiosity }
 #end
 
 // a tree before the right house, its crown against the sky
@@ -108,3 +114,6 @@ union {
   cylinder { <0, 0, 0>, <0, 3.4, 0>, 0.13 Matt(<0.10, 0.07, 0.05>) }
   translate <6.6, 0, -14>
 }
+
+// ground truth in fog (make truth) brings the fog along, and takes another camera where it needs one
+#ifdef (In_Fog) #include "in_fog.inc" #end

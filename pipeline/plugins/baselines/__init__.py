@@ -1,0 +1,1 @@
+"""Fog as others put it into a photograph, one file each."""
