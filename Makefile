@@ -4,6 +4,7 @@
 #   make scene=bathroom fog=thick            another of the scene's fogs; results in build/bathroom/thick/
 #   make scene=bathroom fog.visibility=3     any value of the scene file overridden
 #   make ladder scene=pagoda                 its named fogs side by side, in build/pagoda/ladder.png
+#   make match scene=building reference=foggy.jpg   its fog as in that photograph of the same view
 #   make test                                the tests
 #   make help                                all targets and variables
 #
@@ -31,6 +32,9 @@ cases ?= 2000
 seed ?= 1
 repeats ?= 5
 to ?=
+reference ?=
+reference_scene ?=
+fit ?=
 quality ?=
 tolerance ?=
 budget ?=
@@ -41,7 +45,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to quality tolerance budget
+unexport scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget
 define newline
 
 
@@ -75,6 +79,7 @@ endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
 $(eval $(call check_name,to))
+$(eval $(call check_name,reference_scene))
 $(eval $(call check_name,quality))
 $(eval $(call check_name,tolerance))
 $(eval $(call check_name,budget))
@@ -94,7 +99,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -109,13 +114,16 @@ export FOG_SCENE := $(value scene)
 export FOG_NAME := $(value fog)
 export FOG_LADDER := $(value fogs)
 export FOG_TO := $(value to)
+export FOG_REFERENCE := $(value reference)
+export FOG_REFERENCE_SCENE := $(value reference_scene)
+export FOG_FIT := $(value fit)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff photograph,$(goals))$(fog)$(fogs)$(dotted),)
+  ifneq ($(filter all resolve closure export crosscheck ladder tradeoff match photograph,$(goals))$(fog)$(fogs)$(dotted),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -124,6 +132,11 @@ ifeq ($(MAKELEVEL),0)
     $(if $(fogs),$(error fogs= is for the ladder: make ladder scene=$(scene) fogs="$(fogs)"))
   else
     $(if $(fog),$(error a ladder shows several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
+  endif
+  ifeq ($(filter match,$(goals)),)
+    $(foreach v,reference reference_scene fit,$(if $(value $v),$(error $v= is for a match: make match scene=$(scene) reference=foggy.jpg)))
+  else
+    $(if $(value reference),,$(error no photograph in fog is named: make match scene=$(scene) reference=foggy.jpg))
   endif
 endif
 
@@ -175,6 +188,7 @@ setup-figures: $(READY)
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
+view = $(or $(reference_scene),$(scene))
 # images of a photograph larger than its working size have that size in this folder
 W := $(shell [[ -f $(S)/photograph.json && "$$(< $(S)/photograph.json)" == *working_width_pixel* ]] && echo working/)
 # whose make it is that works in the folder: one that was started by a make works for that one
@@ -191,7 +205,7 @@ clear_templates := templates/irradiance.pov templates/bounce.pov
 fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_includes/fog_scattering.inc \
                  $(filter templates/media/% templates/phase_functions/%,$(templates))
 
-.PHONY: all resolve closure export crosscheck ladder tradeoff calibrate FORCE
+.PHONY: all resolve closure export crosscheck ladder tradeoff match calibrate FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -264,6 +278,11 @@ ladder: $(READY) | povray
 tradeoff: setup-figures $(O)/report.html
 	$(run) tradeoff
 
+# the light of the view that the photograph in fog shows, by a make of its own, then trial fogs as they are wanted
+match: $(READY) | povray
+	@export $(owner); $(MAKE) --no-print-directory scene=$(view) $(BUILD)/$(view)/illumination.json
+	$(run) match
+
 # what the plan knows of time and error, measured on this machine
 calibrate: $(READY) | povray
 	@export $(owner); $(PY) -m pipeline calibrate --cases | while read case; do \
@@ -329,6 +348,7 @@ help:
 	@echo "  make tradeoff scene=NAME   time against error of each knob and of the plans, into build/NAME/tradeoff.png and .csv"
 	@echo "  make calibrate           measures what the plan expects of time and error, on this machine; some hundred trials"
 	@echo "  make ladder scene=NAME   the clear photograph and all named fogs side by side, into build/NAME/ladder.png"
+	@echo "  make match scene=NAME reference=FILE   the fog of a photograph of the same view, into its scene file; see build/NAME/match/"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
@@ -353,6 +373,8 @@ help:
 	@echo "  budget=10s               seconds for the fog in which to be as accurate as may be, instead of quality"
 	@echo "  fog=NAME                 one of the scene's named fogs, into build/NAME/FOG/"
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
+	@echo "  reference_scene=NAME     the scene that the photograph in fog shows, where that is another one"
+	@echo "  to=NAME fit=visibility,albedo,gains,g   what the matched fog is called (matched), and what is found (all but g)"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"

@@ -20,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "match"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -203,6 +203,15 @@ class Build:
     def crosscheck(self) -> Path:
         """T and V against another renderer's; the picture beside it is of the same name."""
         return self.out / "crosscheck.json"
+
+    @property
+    def match(self) -> Path:
+        """Fog found in another photograph: match.json and pictures."""
+        return self.shared / "match"
+
+    def trial_maps(self, name: str) -> Path:
+        """Small maps of a fog that was tried, kept for the next match."""
+        return self.shared / "trials" / "match" / name
 
     @property
     def manifest(self) -> Path:

@@ -143,6 +143,11 @@ def read_scene(path: Path) -> SceneText:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy="give a readable UTF-8 text file") from None
+    return parsed(path, content)
+
+
+def parsed(path: Path, content: str) -> SceneText:
+    """Values and lines of a scene file's content, as `read_scene`; `path` is for messages."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _BoundedComposer
     try:
