@@ -21,7 +21,7 @@ DEPTH = (3 * np.exp(4 * (1 - v / HEIGHT)) + 5 * (u % 17 > 8))[:, None]
 COSINE = np.linspace(-0.5, 1, WIDTH)[u][:, None]
 CLEAR = np.abs(0.25 + np.random.default_rng(0).normal(size=(len(v), 1)) * 0.1
                + np.random.default_rng(1).normal(size=(len(v), 3)) * 0.05)
-TILES = v * 8 // WIDTH * 8 + u * 8 // WIDTH
+TILES = np.stack([v, u], -1) * 8 // WIDTH
 FLAT = Asked(np.ones(3), 0.55)
 
 
@@ -44,7 +44,7 @@ def reference(extinction, albedo=(1, 1, 1), gains=(1, 1), exposure=1.0, asymmetr
     return picture * (1 + noise * np.random.default_rng(seed).normal(size=picture.shape))
 
 
-EVEN = response()
+EVEN, LOBED = response(), response(ASYMMETRIES)
 
 
 # ---- between the nodes -------------------------------------------------------------------------
@@ -53,17 +53,18 @@ EVEN = response()
 @pytest.mark.parametrize("asymmetry", [0.1, 0.62, 0.8])
 def test_response_between_trial_fogs(extinction, asymmetry):
     # a cubic over steps of ln 2 / 2 is good to 1e-4 of a fog's own terms; over the steps in g to 5 % of the sun's V at g = 0.8
-    made = response(ASYMMETRIES).at(np.log(extinction), asymmetry)
+    made = LOBED.at(np.log(extinction), asymmetry)
     assert made[:2] == pytest.approx(fog(extinction)[:2], rel=2e-3, abs=1e-5)
     assert made[2] == pytest.approx(fog(extinction, asymmetry)[2], rel=0.05, abs=1e-5)
-    at_node = response(ASYMMETRIES).at(np.log(EXTINCTIONS[20]), 0.3)
+    at_node = LOBED.at(np.log(EXTINCTIONS[20]), 0.3)
     assert at_node == pytest.approx(fog(EXTINCTIONS[20], 0.3), rel=1e-4, abs=1e-5)
 
 
 # ---- known fog comes back ----------------------------------------------------------------------
 
-@pytest.mark.parametrize("exposure", [1.0, 2 * np.array([1.1, 1.0, 0.9]), 0.5 * np.array([0.9, 1.0, 1.15])], ids=str)
-@pytest.mark.parametrize("extinction", [2e-3, 0.03, 0.3])
+@pytest.mark.parametrize("extinction, exposure", [
+    (0.03, 1.0), (0.03, 2 * np.array([1.1, 1.0, 0.9])), (0.03, 0.5 * np.array([0.9, 1.0, 1.15])), (2e-3, 2 * np.array([1.1, 1.0, 0.9])),
+    (0.3, 0.5 * np.array([0.9, 1.0, 1.15]))], ids=str)
 def test_known_fog_comes_back_whatever_the_exposure(extinction, exposure):
     found = match(EVEN, reference(extinction, (0.95, 0.93, 0.9), exposure=exposure), TILES, FLAT)
     # noise of 1 % on 1920 pixels is 0.1 % of a parameter in the open, ten times that in thin and in dense fog
@@ -99,7 +100,7 @@ def test_what_is_not_asked_for_stays():
 
 def test_asymmetry():
     asked = Asked(np.ones(3), 0.55, fit_asymmetry=True)
-    found = match(response(ASYMMETRIES), reference(0.03, asymmetry=0.66), TILES, asked)
+    found = match(LOBED, reference(0.03, asymmetry=0.66), TILES, asked)
     # a cubic through the tried asymmetries is off by up to 0.02 of g
     assert found.asymmetry == pytest.approx(0.66, abs=0.03) and found.determined["asymmetry"]
     assert found.extinction == pytest.approx(0.03, rel=0.02)
@@ -115,14 +116,14 @@ def test_passers_by_are_left_out():
 def test_ninety_five_percent_hold_the_truth():
     """Errors that are alike over patches of 6 pixels, as what a real view's light does otherwise: the tiles must see that."""
     inside = []
-    for seed in range(20):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         patches = np.kron(rng.normal(size=(HEIGHT // 5, WIDTH // 6)), np.ones((5, 6))).ravel()[:, None]
         extinction = 0.02 * 2 ** rng.uniform(-1, 1)
         found = match(EVEN, reference(extinction, seed=seed) * (1 + 0.04 * patches), TILES, FLAT)
         inside.append(found.interval[0] <= extinction <= found.interval[1])
-    # 19 are expected; fewer than 16 have a chance of 0.3 %
-    assert sum(inside) >= 16
+    # 11 are expected; fewer than 9 have a chance of 0.3 %
+    assert sum(inside) >= 9
 
 
 # ---- what nothing tells ------------------------------------------------------------------------

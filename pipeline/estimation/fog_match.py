@@ -34,13 +34,15 @@ LEAST_SPREAD = 0.1
 #: pixels take most rounds.
 HUBER, CAUCHY, HUBER_ROUNDS, ROUNDS, ROUNDS_OF_ALL = 1.345, 2.385, 2, 5, 2
 #: Extinctions at which a first minimum is looked for, and about how many pixels say where it is before all do.
-SCANNED, FEW = 41, 6000
+SCANNED, FEW = 41, 4000
+#: Most steps towards the other parameters' best, and a gain in twice the logarithm of the likelihood that is none.
+STEPS, ENOUGH = 60, 1e-4
 #: Twice the logarithm of the likelihood ratio at the ends of a 95 % interval of one parameter.
 CHI_SQUARED = 3.84
 #: To so much of 1 the gains' mean is kept while errors are told, and the albedo's distance to 1 at which it is held there.
 GAUGE, AT_BOUND = 0.01, 1e-4
 #: What is less than so many times as uncertain as beforehand is determined; of extinctions, up to this ratio.
-DETERMINED, RATIO = 0.5, 4.0
+DETERMINED, RATIO = 0.25, 4.0
 
 
 @dataclass(frozen=True)
@@ -104,23 +106,27 @@ class Match:
         return np.einsum("ck,knc->nc", mixture, basis)
 
 
-def match(response: Response, reference: np.ndarray, tiles: np.ndarray, asked: Asked) -> Match:
-    """The fog of `reference` (N, 3), linear. tiles (N,): of the picture's part that a pixel belongs to, the index; errors of
-    different tiles count as independent."""
+def match(response: Response, reference: np.ndarray, tiles: np.ndarray, asked: Asked, systematic: float = 0.0) -> Match:
+    """The fog of `reference` (N, 3), linear. tiles (N, 2): row and column of the part of the picture that a pixel belongs to;
+    errors of parts that are no neighbours count as independent. systematic: standard error that the response itself brings into
+    each result, as a share of it.
+    """
     problem = _Problem(response, np.asarray(reference, float), asked)
     x, p = _located(response, reference, asked)
     for _ in range(ROUNDS_OF_ALL):
-        weights, variance = problem.robust(x, p)
+        weights, variance, bend = problem.robust(x, p)
         x, p = problem.refined(x, p, weights, variance, 0.02)
     spread = float(np.sqrt(variance))
-    covariance = problem.covariance(x, p, weights, variance, tiles)
+    covariance = problem.covariance(x, p, weights, variance, tiles, bend)
     correlated = max(1.0, covariance[0][0, 0] / covariance[1][0, 0])
     variance *= correlated
     x, p = problem.refined(x, p, weights, variance, 0.02)
     p = problem.settled(x, p, weights)
-    covariance = problem.covariance(x, p, weights, variance, tiles)
+    covariance = problem.covariance(x, p, weights, variance, tiles, bend)
     error = np.sqrt(np.maximum(*(np.diag(one) for one in covariance)))
-    interval = problem.interval(x, p, weights, variance, max(float(error[0]), 1e-3))
+    interval = problem.interval(x, p, weights, variance, max(float(error[0]), 1e-3), systematic)
+    scale = np.concatenate([[1, 1, 1, 1, 1], p[3:6], np.ones(len(p) - 6)])
+    error = np.where(error > 0, np.hypot(error, systematic * scale), 0.0)
     return Match(asked, float(np.exp(x[0])), interval, tuple(np.exp(problem.limits[:, 0])), float(x[1]), float(error[1]),
                  np.exp(p[:3]), error[2:5], p[3:6], error[5:8], np.exp(p[6:]), error[8:], spread, correlated)
 
@@ -140,7 +146,7 @@ def _located(response: Response, reference: np.ndarray, asked: Asked) -> tuple[n
     least = int(np.argmin([cost for cost, _ in found]))
     x, p = problem.refined(np.array([scan[least], asked.asymmetry]), found[least][1], weights, 1.0, 0.3)
     for turn in range(ROUNDS):
-        x, p = problem.refined(x, p, *problem.robust(x, p, turn >= HUBER_ROUNDS), 0.1 / (1 + turn))
+        x, p = problem.refined(x, p, *problem.robust(x, p, turn >= HUBER_ROUNDS)[:2], 0.1 / (1 + turn))
     return x, p
 
 
@@ -149,7 +155,9 @@ class _Problem:
 
     def __init__(self, response: Response, reference: np.ndarray, asked: Asked):
         self.response, self.reference = response, reference
-        self.floor = OF_WHITE * max(float(np.percentile(reference, 95)), 1e-12)
+        # a black picture has the clear one's white, some stops down
+        white = max(float(np.percentile(reference, 95)), float(np.percentile(response.clear, 95)) * np.exp(-MOST_EXPOSURE), 1e-12)
+        self.floor = OF_WHITE * white
         asymmetries = response.asymmetries[[0, -1]] if asked.fit_asymmetry else np.full(2, asked.asymmetry)
         self.limits = np.stack([np.log(response.extinctions[[0, -1]]), asymmetries], -1)
         count = response.lights
@@ -166,15 +174,16 @@ class _Problem:
         """Expected error of pixels of these values."""
         return RELATIVE * np.maximum(values, 0) + self.floor
 
-    def robust(self, x: np.ndarray, p: np.ndarray, redescending: bool = True) -> tuple[np.ndarray, float]:
-        """Weights (N, 3) of squares by how far pixels are off at (x, p), and their variance after that."""
+    def robust(self, x: np.ndarray, p: np.ndarray, redescending: bool = True) -> tuple[np.ndarray, float, float]:
+        """Weights (N, 3) of squares by how far pixels are off at (x, p), their variance after that, and by what share of these
+        weights a redescending loss is curved."""
         modelled = self.modelled(x, p)
         sigma = self.sigma(modelled)
         scaled = np.abs(self.reference - modelled) / sigma
         spread = max(1.4826 * float(np.median(scaled)), LEAST_SPREAD)
         scaled /= spread
         weight = 1 / (1 + (scaled / CAUCHY) ** 2) if redescending else HUBER / np.maximum(scaled, HUBER)
-        return weight / sigma**2, spread**2
+        return weight / sigma**2, spread**2, max(2 * float((weight**2).sum() / weight.sum()) - 1, 0.3)
 
     def basis(self, x) -> np.ndarray:
         return np.moveaxis(self.response.at(*x).astype(float), -1, 0)  # (3, 1 + L, N)
@@ -189,18 +198,18 @@ class _Problem:
         products, crossed = weighted @ basis.swapaxes(1, 2), (weighted @ self.reference.T[..., None])[..., 0]
         squared = float((weights * self.reference**2).sum())
 
-        def cost(p: np.ndarray) -> tuple[float, np.ndarray]:
+        def cost(p: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
             theta, slopes = _mixture(p)
-            along = (products @ theta[..., None])[..., 0]
+            along, off = (products @ theta[..., None])[..., 0], p - self.start
             value = ((theta * (along - 2 * crossed)).sum() + squared) / variance
-            off = p - self.start
-            return value + off @ self.prior @ off, (2 * np.einsum("ckp,ck->p", slopes, along - crossed) / variance
-                                                    + 2 * self.prior @ off)
+            slope = np.einsum("ckp,ck->p", slopes, along - crossed) / variance + self.prior @ off
+            return value + off @ self.prior @ off, slope, (slopes.swapaxes(1, 2) @ products @ slopes).sum(0) / variance + self.prior
+
         return _least(cost, self.start if start is None else start, self.bounds)
 
     def refined(self, x: np.ndarray, p: np.ndarray, weights: np.ndarray, variance: float, step: float
                 ) -> tuple[np.ndarray, np.ndarray]:
-        """The minimum near x, where p is about the best, and the best there."""
+        """The minimum within about `step` of x, where p is about the best, and the best there."""
         best = [np.inf, x, p]
 
         def cost(moved: np.ndarray, _) -> float:
@@ -216,7 +225,7 @@ class _Problem:
         search.set_lower_bounds(self.limits[0][free])
         search.set_upper_bounds(self.limits[1][free])
         search.set_initial_step(step)
-        search.set_xtol_abs(3e-4)
+        search.set_xtol_abs(step / 50)
         search.set_maxeval(40)
         search.set_min_objective(cost)
         try:
@@ -238,8 +247,8 @@ class _Problem:
         factor = min(level, 1 / max(float(p[3:6].max()), 1e-12))
         return np.concatenate([p[:3], p[3:6] * factor, p[6:] - np.log(factor)])
 
-    def covariance(self, x: np.ndarray, p: np.ndarray, weights: np.ndarray, variance: float, tiles: np.ndarray
-                   ) -> tuple[np.ndarray, np.ndarray]:
+    def covariance(self, x: np.ndarray, p: np.ndarray, weights: np.ndarray, variance: float, tiles: np.ndarray,
+                   bend: float) -> tuple[np.ndarray, np.ndarray]:
         """Of (ln kappa, g, p): as the tiles' residuals scatter, and as of independent pixels of this variance."""
         step = 1e-3
         slopes = [(self.modelled(x + move, p) - self.modelled(x - move, p)) / (2 * step) for move in step * np.eye(2)]
@@ -260,13 +269,20 @@ class _Problem:
         weighted = jacobian * weights[..., None]
         information = np.einsum("ncp,ncq->pq", weighted, jacobian) / variance
         residuals = self.reference - self.modelled(x, p)
-        scores = np.zeros((int(tiles.max()) + 1, len(found)))
-        np.add.at(scores, tiles, (weighted * residuals[..., None]).sum(1) / variance)
+        # sums over all two by two neighbouring tiles, a border of empty ones round them: what neighbours share counts by half
+        scores = np.zeros((*(tiles.max(0) + 3), len(found)))
+        np.add.at(scores, tuple(tiles.T + 1), (weighted * residuals[..., None]).sum(1) / variance)
+        scores = (scores[1:, 1:] + scores[:-1, 1:] + scores[1:, :-1] + scores[:-1, :-1]).reshape(-1, len(found)) / 2
+        # of few tiles, as many parameters can follow what is noise
+        tiled = len(np.unique(tiles, axis=0))
+        scores *= np.sqrt(tiled / max(tiled - free.sum(), 1)) / bend
         inverse = np.linalg.inv(information + prior + np.diag(np.where(free, 0.0, 1e12)))
         return inverse @ (scores.T @ scores + prior) @ inverse * np.outer(free, free), inverse * np.outer(free, free)
 
-    def interval(self, x: np.ndarray, p: np.ndarray, weights: np.ndarray, variance: float, step: float) -> tuple[float, float]:
-        """Extinctions [1/m] between which the cost, by all else at its best, is at most CHI_SQUARED more than at x."""
+    def interval(self, x: np.ndarray, p: np.ndarray, weights: np.ndarray, variance: float, step: float,
+                 systematic: float) -> tuple[float, float]:
+        """Extinctions [1/m] between which the cost, by all else at its best, is at most CHI_SQUARED more than at x; and wider
+        for what is systematic."""
         least = self.inner(x, weights, variance, p)[0]
 
         def worse(log_extinction: float) -> bool:
@@ -283,7 +299,8 @@ class _Problem:
             for _ in range(8):
                 middle = (near + far) / 2
                 near, far = (near, middle) if worse(middle) else (middle, far)
-            ends.append((near + far) / 2)
+            wider = np.hypot((near + far) / 2 - x[0], np.sqrt(CHI_SQUARED) * systematic)
+            ends.append(float(np.clip(x[0] + sign * wider, *self.limits[:, 0])))
         return float(np.exp(ends[0])), float(np.exp(ends[1]))
 
 
@@ -299,32 +316,33 @@ def _mixture(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return theta, slopes
 
 
-def _least(cost: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, bounds: np.ndarray
+def _least(cost: Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]], start: np.ndarray, bounds: np.ndarray
            ) -> tuple[float, np.ndarray]:
-    """Least value of `cost`, which gives its gradient along, and where."""
-    free = np.ptp(bounds, axis=0) > 0
-    best = [np.inf, start]
-
-    def evaluate(moved: np.ndarray, gradient: np.ndarray) -> float:
-        p = start.copy()
-        p[free] = moved
-        value, slope = cost(p)
-        if value < best[0]:
-            best[:] = value, p
-        if gradient.size:
-            gradient[:] = slope[free] / scale
-        return value / scale
-
-    scale = max(abs(cost(start)[0]), 1.0)
-    search = nlopt.opt(nlopt.LD_SLSQP, int(free.sum()))
-    search.set_lower_bounds(bounds[0][free])
-    search.set_upper_bounds(bounds[1][free])
-    search.set_xtol_abs(1e-7)
-    search.set_ftol_abs(1e-3 / scale)
-    search.set_maxeval(100)
-    search.set_min_objective(evaluate)
-    try:
-        search.optimize(np.clip(start, *bounds)[free])
-    except (nlopt.RoundoffLimited, RuntimeError):
-        pass  # no further progress in float64: the best so far is the answer
-    return best[0], best[1]
+    """Least value of `cost` within bounds, and where, by damped Gauss-Newton steps. `cost` gives half its gradient along, and
+    half of what its second derivatives are about."""
+    p, damping = start, 1e-4
+    value, slope, curvature = cost(p)
+    for _ in range(STEPS):
+        held = ((p <= bounds[0]) & (slope > 0)) | ((p >= bounds[1]) & (slope < 0)) | (bounds[0] == bounds[1])
+        if held.all():
+            break
+        free = np.flatnonzero(~held)
+        part = curvature[np.ix_(free, free)]
+        steeper = part + np.diag(damping * np.diag(part) + 1e-12 * max(float(np.trace(part)), 1e-300))
+        step = np.linalg.solve(steeper, slope[free])
+        if slope[free] @ step < ENOUGH:
+            break
+        tried = p.copy()
+        tried[free] -= step
+        tried = np.clip(tried, *bounds)
+        found = cost(tried)
+        if found[0] < value:
+            gain, damping = value - found[0], damping / 10
+            p, (value, slope, curvature) = tried, found
+            if gain < ENOUGH:
+                break
+        elif damping > 1e6:
+            break
+        else:
+            damping *= 10
+    return value, p

@@ -27,7 +27,7 @@ from pipeline.scene.fog_entry import refuse_taken, write_fog
 
 #: What may be asked for besides exposure; visibility is always found.
 FIT = ("visibility", "albedo", "gains", "g")
-#: Longer side [pixel] at which pictures are compared, and tiles along it whose errors count as independent.
+#: Longer side [pixel] at which pictures are compared, and tiles along it, of which neighbours may err alike.
 SIZE, TILES = 256, 8
 #: By so much the two photographs' shapes may differ, as roundings of their sizes do.
 SAME_SHAPE = 0.01
@@ -51,14 +51,14 @@ def run(view: Build, scene: Build, reference: str, name: str, fit: str) -> None:
         raise InputError(f"only {used.sum()} of {used.size} pixels can be compared", place=reference,
                          remedy="give photographs that are less burnt out")
     v, u = np.mgrid[:shape[0], :shape[1]]
-    tiles = v * TILES // max(shape) * TILES + u * TILES // max(shape)
+    tiles = np.stack([v, u], -1) * TILES // max(shape)
     absorption, scattering = medium.coefficients()
     albedo = np.divide(scattering, absorption + scattering, out=np.ones(3), where=absorption + scattering > 0)
     phase = medium.phase()
     asked = Asked(np.ones(3) if "albedo" in names else albedo, getattr(phase, "asymmetry", 0.0), "albedo" in names,
                   "gains" in names, "g" in names)
     fogs = TrialFogs(view, size, medium, lambda line: print(f"  {line}", file=sys.stderr, flush=True))
-    found, response, lights, levels = matched(fogs, depth.ravel(), used.ravel(), foggy.reshape(-1, 3), tiles.ravel(), asked)
+    found, response, lights, levels = matched(fogs, depth.ravel(), used.ravel(), foggy.reshape(-1, 3), tiles.reshape(-1, 2), asked)
     ours = found.picture(response).reshape(*shape, 3)
     unexplained = float(np.sqrt(((foggy - ours)[used] ** 2).mean() / max((foggy[used] ** 2).mean(), 1e-30)))
     stated = read_json(view.input("gains"))
