@@ -4,6 +4,7 @@
 #   make scene=bathroom fog=thick            another of the scene's fogs; results in build/bathroom/thick/
 #   make scene=bathroom fog.visibility=3     any value of the scene file overridden
 #   make ladder scene=pagoda                 its named fogs side by side, in build/pagoda/ladder.png
+#   make match scene=building reference=foggy.jpg   its fog as in that photograph of the same view
 #   make test                                the tests
 #   make help                                all targets and variables
 #
@@ -31,6 +32,9 @@ cases ?= 2000
 seed ?= 1
 repeats ?= 5
 to ?=
+reference ?=
+reference_scene ?=
+fit ?=
 quality ?=
 tolerance ?=
 budget ?=
@@ -44,7 +48,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to quality tolerance budget study answers simulate
+unexport scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate
 define newline
 
 
@@ -78,6 +82,7 @@ endef
 $(eval $(call check_name,scene))
 $(eval $(call check_name,fog))
 $(eval $(call check_name,to))
+$(eval $(call check_name,reference_scene))
 $(eval $(call check_name,quality))
 $(eval $(call check_name,tolerance))
 $(eval $(call check_name,budget))
@@ -100,7 +105,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -118,13 +123,16 @@ export FOG_TO := $(value to)
 export FOG_STUDY := $(value study)
 export FOG_ANSWERS := $(value answers)
 export FOG_SIMULATE := $(value simulate)
+export FOG_REFERENCE := $(value reference)
+export FOG_REFERENCE_SCENE := $(value reference_scene)
+export FOG_FIT := $(value fit)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
+  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -138,6 +146,11 @@ ifeq ($(MAKELEVEL),0)
     $(if $(scene)$(dotted),$(error a study's description says which scenes and fogs it shows: leave out $(if $(scene),scene=$(scene),$(firstword $(dotted))=...), or name another one: study=FILE))
   else
     $(if $(study)$(answers)$(simulate),$(error study=, answers= and simulate= are for make study and make study-results))
+  endif
+  ifeq ($(filter match,$(goals)),)
+    $(foreach v,reference reference_scene fit,$(if $(value $v),$(error $v= is for a match: make match scene=$(scene) reference=foggy.jpg)))
+  else
+    $(if $(value reference),,$(error no photograph in fog is named: make match scene=$(scene) reference=foggy.jpg))
   endif
 endif
 
@@ -213,6 +226,7 @@ setup-compare: $(READY)
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)
 O := $(S)$(if $(fog),/$(fog))
+view = $(or $(reference_scene),$(scene))
 # images of a photograph larger than its working size have that size in this folder
 W := $(shell [[ -f $(S)/photograph.json && "$$(< $(S)/photograph.json)" == *working_width_pixel* ]] && echo working/)
 # whose make it is that works in the folder: one that was started by a make works for that one
@@ -237,7 +251,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck compare ladder tradeoff calibrate study study-results study-truth truth FORCE
+.PHONY: all resolve closure export crosscheck compare ladder tradeoff match calibrate study study-results study-truth truth FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -316,6 +330,11 @@ ladder: $(READY) | povray
 
 tradeoff: $(O)/report.html | $(FIGURES_READY)
 	$(run) tradeoff
+
+# the light of the view that the photograph in fog shows, by a make of its own, then trial fogs as they are wanted
+match: $(READY) | povray
+	@export $(owner); $(MAKE) --no-print-directory scene=$(view) $(BUILD)/$(view)/illumination.json
+	$(run) match
 
 # what the plan knows of time and error, measured on this machine
 calibrate: $(READY) | povray
@@ -438,6 +457,7 @@ help:
 	@echo "  make study               a page that asks which foggy picture is the real one, into build/study/study.html"
 	@echo "  make study-results answers=FOLDER   what people answered: the paper's Fig. 15, with intervals and tests"
 	@echo "  make study-truth scene=building fogs=\"NAME NAME\"   for the study: renders fog into the model of a scene that we made; some minutes a fog"
+	@echo "  make match scene=NAME reference=FILE   the fog of a photograph of the same view, into its scene file; see build/NAME/match/"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
@@ -467,6 +487,8 @@ help:
 	@echo "  fogs=\"NAME NAME\"         which fogs the ladder shows, in this order"
 	@echo "  study=FILE answers=FOLDER   description of a study (scenes/study.yaml), answers that people saved"
 	@echo "  simulate=40 seed=1       so many who guess, for study-results; all that comes of it says SIMULATED"
+	@echo "  reference_scene=NAME     the scene that the photograph in fog shows, where that is another one"
+	@echo "  to=NAME fit=visibility,albedo,gains,g   what the matched fog is called (matched), and what is found (all but g)"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"

@@ -13,6 +13,7 @@ import json
 import os
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -80,7 +81,8 @@ def _parser() -> argparse.ArgumentParser:
                        ("crosscheck", "T and V against Mitsuba's"),
                        ("compare", "fog by us and by others, side by side"),
                        ("tradeoff", "time against error of knobs and plans"),
-                       ("ladder", "the scene's named fogs side by side"), ("run", "all stages, in order")]:
+                       ("ladder", "the scene's named fogs side by side"),
+                       ("match", "the fog of another photograph"), ("run", "all stages, in order")]:
         command = commands.add_parser(name, help=what, description=what)
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
         command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None,
@@ -89,9 +91,17 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
         command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
                              help="overrides a value of the scene, for example fog.visibility=3")
-        command.set_defaults(run={"run": _run_all, "ladder": _ladder}.get(name, _run_stage))
+        command.set_defaults(run={"run": _run_all, "ladder": _ladder, "match": _match}.get(name, _run_stage))
         if name == "export":
             command.add_argument("--to", default=os.environ.get("FOG_TO", ""), help="an exporter, such as mitsuba")
+        if name == "match":
+            command.add_argument("--reference", default=os.environ.get("FOG_REFERENCE", ""),
+                                 help="the photograph in fog, in the folder of the scene that it shows")
+            command.add_argument("--reference-scene", default=os.environ.get("FOG_REFERENCE_SCENE") or None,
+                                 help="the scene that it shows, where that is another one")
+            command.add_argument("--to", default=os.environ.get("FOG_TO") or "matched", help="what the fog is to be called")
+            command.add_argument("--fit", default=os.environ.get("FOG_FIT") or "visibility,albedo,gains",
+                                 help="what is found, with commas between: visibility, albedo, gains, g")
         if name == "ladder":
             command.add_argument("--fogs", default=os.environ.get("FOG_LADDER", ""), help="names, with spaces between")
             command.add_argument("--names", action="store_true", help="only says which fogs it would show")
@@ -183,6 +193,16 @@ def _ladder(options) -> None:
         print(f"done: {stage.run(build, names)}")
 
 
+def _match(options) -> None:
+    from pipeline.scene.artefacts import working
+
+    scene = replace(_build(options), fog=None)
+    stage = importlib.import_module("pipeline.stages.match")
+    view = replace(scene, scene=options.reference_scene or scene.scene, fog=options.fog)
+    with at_work(view):
+        stage.run(working(view), scene, options.reference, options.to, options.fit)
+
+
 def _stage(build: Build, name: str, options) -> None:
     if name in ("resolve", "export"):
         module = importlib.import_module(f"pipeline.stages.{name}")
@@ -216,7 +236,7 @@ def _at_work(build: Build, name: str):
 
 
 def _plugins(options) -> None:
-    from pipeline.plugins.base import KINDS, registry
+    from pipeline.plugins.registry import KINDS, registry
 
     for kind in KINDS:
         print(kind)

@@ -20,7 +20,7 @@ SCHEMA = "scene.schema.json"
 #: In the build folder: how fast this machine is, and how far off what it makes quickly.
 CALIBRATION = "calibration.json"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
-RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "study", "compare"}
+RESERVED = {"inputs", "basis", "pov", "runs", "closure", "export", "trials", "working", "study", "compare", "match"}
 
 
 def checked_name(name: str, what: str) -> str:
@@ -218,6 +218,15 @@ class Build:
     def truth(self) -> Path:
         """The model of a photograph in this fog, where there is one and `make truth` was asked; facts are beside it."""
         return self.out / "truth.exr"
+
+    @property
+    def match(self) -> Path:
+        """Fog found in another photograph: match.json and pictures."""
+        return self.shared / "match"
+
+    def trial_maps(self, name: str) -> Path:
+        """Small maps of a fog that was tried, kept for the next match."""
+        return self.shared / "trials" / "match" / name
 
     @property
     def manifest(self) -> Path:

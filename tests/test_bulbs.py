@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from pipeline.physics import bulbs
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.plugins.media.noise import Noise
 
 EYE, RADIUS = np.array([0.0, 1.5, 0.0]), 0.1

@@ -15,7 +15,7 @@ from pipeline.paths import Build
 from pipeline.physics.comparison import measured, shrunk_to
 from pipeline.physics.constant_light import constant_light_fog, fitted_airlight
 from pipeline.plugins import baseline
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.plugins.baseline import EFFECTS, ClearView, OtherFog, Wanted
 from pipeline.plugins.baselines.euler_preprocess import planar
 from pipeline.plugins.baselines.ibpm import Ibpm

@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.paths import PROJECT, Build
 from pipeline.plugins.annotations import Outline
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.scene.load import load_scene
 from tests.conftest import CHAIN
 from tests.reference import quadrature as q

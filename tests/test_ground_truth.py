@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from pipeline.physics.comparison import shrunk_to
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.scene.artefacts import write_json
 from tests.reference import path_tracer
 from tests.reference import quadrature as q

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from pipeline.imaging.maps import read_map
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from tests.test_light_transport import COLOUR, DESCRIBED, SIZE, chain, reference_rays
 from tests.test_noise_fog import POINT, even_path, light_points, shaft_errors, within_bounds
 

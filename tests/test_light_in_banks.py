@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.physics import light_volume
 from pipeline.physics.density_grid import bounded
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.plugins.media.noise import Noise
 
 EYE = np.array([0.0, 1.6, 0.0])

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 
 ABSORPTION, SCATTERING = 0.002, 0.018
 COEFFICIENTS = {"absorption_coefficient": [ABSORPTION] * 3, "scattering_coefficient": [SCATTERING] * 3}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.imaging.maps import read_map
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.scene.artefacts import read_camera
 
 PROJECT = Path(__file__).resolve().parent.parent

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.imaging.maps import read_map
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Run, Templates, emit
 from pipeline.plugins.lights.ambient import Ambient

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.cli import main
 from pipeline.imaging.maps import read_map, write_map
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.rendering.describe import describe
 from pipeline.rendering.second_opinion import Estimate
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths

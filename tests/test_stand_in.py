@@ -9,7 +9,8 @@ from pipeline.geometry.meshes import mesh_hits
 from pipeline.geometry.raycast import first_hits
 from pipeline.geometry.regions import Region, cut, depth_of_regions, polygon_mask
 from pipeline.geometry.stand_in import THICKNESS_SHARE, Solid, regions_of, stand_in
-from pipeline.plugins.base import World, registry
+from pipeline.plugins.base import World
+from pipeline.plugins.registry import registry
 
 SKY = 5000.0
 VIEW = from_field_of_view(160, 120, 60, camera_height=1.6, pitch=-3, roll=2)

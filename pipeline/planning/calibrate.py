@@ -226,7 +226,7 @@ def _imports() -> float:
     """Seconds that the process of a fog's stages takes to import what these need."""
     timed = ("import time, importlib; import pipeline.cli; start = time.monotonic();"
              " [importlib.import_module('pipeline.stages.' + name) for name in {!r}];"
-             " from pipeline.plugins.base import KINDS, registry; [registry(kind) for kind in KINDS];"
+             " from pipeline.plugins.registry import KINDS, registry; [registry(kind) for kind in KINDS];"
              " import scipy.interpolate, scipy.spatial, scipy.special;"
              " print(time.monotonic() - start)").format(trial.STAGES)
     return float(subprocess.run([sys.executable, "-c", timed], check=True, capture_output=True, text=True).stdout)

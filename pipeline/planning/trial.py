@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,10 +32,12 @@ def of(build: Build, name: str) -> Trial:
     return Trial(build.scene, build.fog, build.scenes, build.builds, working(build).reduced, name=name)
 
 
-def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -> dict[str, float]:
+def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True, fog: dict[str, Any] | None = None,
+        stages: Sequence[str] = STAGES) -> dict[str, float]:
     """Makes the fog with render settings changed as `settings` says; seconds [s] by stage.
 
-    fresh: removes what an earlier trial of this name left, so that every render is made.
+    fresh: removes what an earlier trial of this name left, so that every render is made. fog: another one, of no files, as
+    the fog's input states it.
     """
     trial = of(build, name)
     if fresh:
@@ -42,7 +45,10 @@ def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True) -
     for part in INPUTS:
         stated = read_json(build.input(part))
         write_json(trial.input(part), {**stated, **settings} if part == "render" else stated)
+    if fog is not None:
+        write_json(trial.input("fog"), fog)
+        write_json(trial.input("fog_files"), {})
     shutil.copyfile(build.lines, trial.lines)
     seconds: dict[str, float] = {}
-    chain.run(trial, STAGES, done=seconds.__setitem__)
+    chain.run(trial, stages, done=seconds.__setitem__)
     return seconds

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Union
 from pydantic import BeforeValidator, Field
 
 from pipeline.errors import nearest
-from pipeline.plugins.base import mistake, registry
+from pipeline.plugins.base import mistake
+from pipeline.plugins.registry import registry
 
 
 def choice(kind: str, estimates: str | None = None) -> Any:

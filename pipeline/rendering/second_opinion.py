@@ -16,7 +16,8 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
-from pipeline.plugins.base import Medium, registry
+from pipeline.plugins.base import Medium
+from pipeline.plugins.registry import registry
 from pipeline.rendering.describe import describe
 from pipeline.scene.placed import PlacedScene
 

@@ -17,7 +17,8 @@ from pipeline.imaging.atomic import replacing
 from pipeline.imaging.glare import Glare
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build, inside
-from pipeline.plugins.base import Plugin, registry
+from pipeline.plugins.base import Plugin
+from pipeline.plugins.registry import registry
 from pipeline.scene.placed import PlacedScene
 
 #: Of a density grid or a painted label image.

@@ -133,7 +133,11 @@ def validated(text: SceneText, model: type[Model]) -> Model:
         raise _complaint(error, text, model) from None
 
 
-def read_scene(path: Path, what: str = "scene", first: str = "photograph, camera, shapes, lights, fog") -> SceneText:
+#: What a scene file begins with.
+FIRST = "photograph, camera, shapes, lights, fog"
+
+
+def read_scene(path: Path, what: str = "scene", first: str = FIRST) -> SceneText:
     """The file's values and lines; tags, aliases, repeated keys and oversized files are refused.
 
     what: is described, of which `first` are what to begin with.
@@ -152,6 +156,11 @@ def read_scene(path: Path, what: str = "scene", first: str = "photograph, camera
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy="give a readable UTF-8 text file") from None
+    return parsed(path, content, what, first)
+
+
+def parsed(path: Path, content: str, what: str = "scene", first: str = FIRST) -> SceneText:
+    """Values and lines of a file's content, as `read_scene`; `path` is for messages."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _BoundedComposer
     try:

@@ -19,7 +19,8 @@ from pipeline.imaging.depth_file import read_depth, read_labels
 from pipeline.imaging.edges import EdgeLayers, refined
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build, inside
-from pipeline.plugins.base import FARTHEST, Shape, registry
+from pipeline.plugins.base import FARTHEST, Shape
+from pipeline.plugins.registry import registry
 from pipeline.scene.artefacts import Edges, scene_place
 from pipeline.scene.depth_section import DepthSection, RegionDescription
 

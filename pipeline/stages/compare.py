@@ -23,7 +23,7 @@ from pipeline.imaging.strip import WIDEST, strip
 from pipeline.paths import Build
 from pipeline.physics.comparison import measured, shrunk_to
 from pipeline.physics.visibility import visibility
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.plugins.baseline import EFFECTS, ClearView, Foggy, OtherFog, Wanted
 from pipeline.reporting.compared import compared_page
 from pipeline.reporting.manifest import FOG_STAGES, SHARED_STAGES

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pipeline.errors import InputError, nearest
 from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.rendering.describe import describe
 from pipeline.scene.artefacts import read_fog, read_json, read_placed, read_strengths
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.paths import Build
-from pipeline.plugins.base import registry
+from pipeline.plugins.registry import registry
 from pipeline.rendering.describe import describe
 from pipeline.rendering.second_opinion import AT_ONCE
 from pipeline.scene.artefacts import read_fog, read_placed, read_strengths
