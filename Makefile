@@ -345,7 +345,7 @@ calibrate: $(READY) | povray
 # ---- the paper's figures -------------------------------------------------------------------------
 # Each is redone when a scene that it shows, or what draws it, has changed; the scenes' own makes say whether they have.
 FIGURES := $(BUILD)/figures
-drawn := $(addprefix $(FIGURES)/,$(addsuffix .png,fig01 fig02 fig05 fig06 fig07 fig08 fig09 fig10 fig13 fig14 fig15 table1))
+drawn := $(addprefix $(FIGURES)/,$(addsuffix .png,fig01 fig02 fig05 fig06 fig07 fig08 fig09 fig10 fig11 fig12 fig13 fig14 fig15 table1))
 drawing = $(wildcard pipeline/figures/*.py pipeline/imaging/overlay*.py) pipeline/imaging/canvas.py pipeline/imaging/display.py
 .PHONY: figures
 figures: $(FIGURES)/figures.html
@@ -357,6 +357,10 @@ $(BUILD)/%/report.html: FORCE | setup
 $(FIGURES)/fig01.png: $(addprefix $(BUILD)/,bathroom/report.html building/report.html)
 $(FIGURES)/fig02.png $(FIGURES)/fig05.png $(FIGURES)/fig06.png: $(BUILD)/bathroom/report.html
 $(FIGURES)/fig07.png: $(BUILD)/building/report.html
+$(BUILD)/%/compare/compare.csv: $(BUILD)/%/report.html $(wildcard pipeline/plugins/baseline*.py pipeline/plugins/baselines/*.py) pipeline/stages/compare.py
+	@[ ! -d "$(SCENES)/$*" ] || $(MAKE) -s --no-print-directory scene=$* compare
+$(FIGURES)/fig11.png: $(BUILD)/bathroom/compare/compare.csv
+$(FIGURES)/fig12.png: $(BUILD)/lamps/compare/compare.csv
 $(FIGURES)/fig13.png: $(BUILD)/building/moderate/report.html
 $(FIGURES)/fig14.png: $(addprefix $(BUILD)/building/,report.html moderate/report.html thick/report.html)
 $(FIGURES)/fig13.png $(FIGURES)/fig14.png $(FIGURES)/fig15.png: $(wildcard $(SCENES)/study.yaml pipeline/study/*.py $(SCENES)/building/truth/*)

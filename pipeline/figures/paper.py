@@ -67,6 +67,20 @@ def exterior(scenes: Path, builds: Path, path: Path) -> None:
          Panel("result", one.foggy())]])
 
 
+def _beside_ibpm(scene: str) -> Callable[[Path, Path, Path], None]:
+    def draw(scenes: Path, builds: Path, path: Path) -> None:
+        one = _pictures(scenes, builds, scene)
+        panels = [Panel("photograph", one.photograph())]
+        for method, title in (("ibpm", "IBPM at its best parameters"), ("ours", "ours")):
+            file = one.build.compare / f"{method}.png"
+            picture = cv2.imread(str(file), cv2.IMREAD_COLOR)
+            if picture is None:
+                raise InputError("was not made", place=str(file), remedy=f"run make compare scene={scene}")
+            panels.append(Panel(title, picture[..., ::-1]))
+        sheets.grid(path, [panels])
+    return draw
+
+
 def _validation(which: str) -> Callable[[Path, Path, Path], None]:
     def draw(scenes: Path, builds: Path, path: Path) -> None:
         file = builds / "validation" / f"{which}.png"
@@ -96,6 +110,10 @@ FIGURES = [
     Figure("fig10", "Mean square error of the composite, values clipped to [0, 1], against absorption, scattering and"
            " the extinction of height fog. `exact but midpoint`: what is left where all is exact but the lamp's"
            " midpoint stands for its area, as in the paper.", (), error_curves),
+    Figure("fig11", "An interior by image-based participating media (IBPM, Lopez-Moreno et al. 2008), its one airlight and its"
+           " density fitted so that it is as near as it can be, and ours: without lights of their own nothing glows and"
+           " no sunlight stands in the room.", (("bathroom", None),), _beside_ibpm("bathroom")),
+    Figure("fig12", "The same for street lamps at night.", (("lamps", None),), _beside_ibpm("lamps")),
     Figure("fig13", "Stimuli of a user study: clear, synthetic fog, and fog rendered into the scene's own model. Where a"
            " person has a real photograph in fog, `make study` takes that.", (("building", "moderate"),), stimuli.one_group),
     Figure("fig14", "The same for thinner and thicker fog.", (("building", "moderate"), ("building", None), ("building", "thick")),
