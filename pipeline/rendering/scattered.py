@@ -119,9 +119,12 @@ class Scattered:
                     normals[where] if normals is not None else -chosen,
                     medium.optical_depth(camera.position, points))
 
-    def beforehand(self, lights: list[str]) -> "Scattered":
-        """Works out what needs no render, as far as memory allows; `by` and `transmittance` then take it from there."""
-        if not any(one.kind in ("transmittance", "irradiance") for one in self.runs.values()):
+    def beforehand(self, lights: list[str], surviving: bool = True) -> "Scattered":
+        """Works out what needs no render, as far as memory allows; `by` and `transmittance` then take it from there.
+
+        surviving: T as well, where none of it is rendered.
+        """
+        if surviving and not any(one.kind in ("transmittance", "irradiance") for one in self.runs.values()):
             self.known["transmittance"] = self.transmittance(lights)
         if not self.medium.coefficients()[1].max() > 0:
             return self

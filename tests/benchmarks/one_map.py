@@ -8,6 +8,7 @@ writes V.npy or T.npy (H, W, 3) into the folder `alone` of the scene's build.
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +34,17 @@ def make(build: Build, name: str) -> None:
     plan, settings, jobs = read_json(build.plan), read_json(build.input("render")), []
     runs = [one for one in map(from_json, plan["runs"]) if one.kind in KINDS[name]]
     build.pov.mkdir(parents=True, exist_ok=True)
+    # as the stages do it: what needs no render is worked out meanwhile
+    beside = ThreadPoolExecutor(1)
+    begun = beside.submit(scattered.beforehand, plan["lights"], False) if name == "V" else None
     for run in runs:
         jobs.append((build.pov / f"{run.id}.pov", build.runs / f"{run.id}.exr", run.width, run.height))
         jobs[-1][0].write_text(emit(run, scattered.scene, templates, medium=medium), encoding="utf-8")
     if runs:
         write_side_files(build.pov, medium)
         povray.render_together(jobs, threads=settings["threads"], timeout=settings["timeout"], told=lambda *_: None)
+    if begun:
+        begun.result()
     if name == "T":
         made = scattered.transmittance(plan["lights"])
     else:

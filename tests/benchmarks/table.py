@@ -31,7 +31,7 @@ MITSUBA = re.compile(r"(cornell [VT]) Mitsuba (\d+)")
 
 @dataclass(frozen=True)
 class Row:
-    """A case: seconds [s] of each round; medians over the rounds of processor time [s] and of its errors."""
+    """A case: seconds [s] of each round; medians over the rounds of processor time [s], 0 where it is not known, and of its errors."""
 
     case: str
     seconds: list[float]
@@ -164,7 +164,7 @@ def _cells(one: Row) -> list[str]:
     asked = ASKED.get(one.case, {})
     wanted = [f"{value:g} s" if name == "seconds" else WORDS[name].format(percent(value)) for name, value in asked.items()]
     meets = one.meets()
-    return [one.case, f"{one.middle:.2f}", f"{min(one.seconds):.2f} - {max(one.seconds):.2f}", f"{one.processor:.2f}",
+    return [one.case, f"{one.middle:.2f}", f"{min(one.seconds):.2f} - {max(one.seconds):.2f}", f"{one.processor:.2f}" if one.processor else "",
             ", ".join(WORDS[name].format(percent(value)) for name, value in one.errors.items()), ", ".join(wanted),
             "" if meets is None else "yes" if meets else "**no**"]
 
