@@ -25,7 +25,7 @@ from pipeline.study.answers import MAX_BYTES, collect, read_answers
 from pipeline.study.description import read_study
 from pipeline.study.page import page
 from pipeline.study.simulated import participants
-from pipeline.study.stimuli import LONGEST, common_size, one_stimulus, pictures, sheet
+from pipeline.study.stimuli import LONGEST, PANEL, common_size, densities, one_stimulus, pictures, sheet
 from tests.study_fixture import STUDY, answers, made, noise, write_study
 
 
@@ -186,16 +186,28 @@ def test_a_fog_that_was_not_made(tmp_path):
 
 def test_sheets_show_every_picture(tmp_path):
     study = made(tmp_path)
-    shown = noise(study, (240, 320))
-    assert one_stimulus(study.counted[0], shown["plain"]).shape[1] > 3 * 320
+    shown = noise(study, (390, PANEL))  # the size of a panel: nothing is scaled
+
+    def holds(sheet, picture) -> bool:
+        """Whether the sheet has a part of the picture. Noise elsewhere correlates below 0.9."""
+        return float(cv2.matchTemplate(sheet, picture[10:26, 10:42], cv2.TM_CCOEFF_NORMED).max()) > 0.999
+
     whole = sheet(study, shown)
+    assert all(holds(whole, shown[one.name].synthetic) and holds(whole, shown[one.name].other) for one in study.counted)
+    assert holds(whole, shown["plain"].clear) and not holds(whole, shown["first"].other), "what is practised is no figure"
+    three = one_stimulus(study.counted[0], shown["plain"])
+    assert all(holds(three, picture) for picture in (shown["plain"].clear, shown["plain"].synthetic, shown["plain"].other))
+    # a density's real picture stands below its synthetic one
+    place = [cv2.minMaxLoc(cv2.matchTemplate(whole, picture[10:26, 10:42], cv2.TM_CCOEFF_NORMED))[3]
+             for picture in (shown["dense"].synthetic, shown["dense"].other)]
+    assert place[0][0] == place[1][0] and place[1][1] > place[0][1] + 390
 
-    def holds(picture) -> bool:
-        """Whether the sheet has a part of the picture: panels of this size are not scaled. Noise elsewhere correlates below 0.9."""
-        return float(cv2.matchTemplate(whole, picture[10:26, 10:42], cv2.TM_CCOEFF_NORMED).max()) > 0.999
 
-    assert all(holds(shown[one.name].synthetic) and holds(shown[one.name].other) for one in study.counted)
-    assert holds(shown["plain"].clear) and not holds(shown["first"].other), "what is practised is no figure"
+def test_many_densities_take_further_rows(tmp_path):
+    study = made(tmp_path)
+    one = study.counted[0]
+    shown = noise(study, (40, 60))["plain"]
+    assert densities([one] * 7, [shown] * 7).shape[0] > 1.9 * densities([one] * 5, [shown] * 5).shape[0]
 
 
 # ---- page -------------------------------------------------------------------------------------

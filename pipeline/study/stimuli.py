@@ -18,13 +18,15 @@ from pipeline.errors import InputError
 from pipeline.imaging import photograph as photographs
 from pipeline.imaging.display import FLOAT_KINDS, display_exposure, displayed, write_png
 from pipeline.imaging.maps import read_map, read_metadata
-from pipeline.imaging.strip import strip
+from pipeline.imaging.strip import A_ROW, strip
 from pipeline.paths import Build
 from pipeline.scene.artefacts import read_json
 from pipeline.study.description import TRUTH, Stimulus, Study
 
 #: Longer side [pixel] of what is shown, at most.
 LONGEST = 900
+#: Width [pixel] of a picture on a sheet.
+PANEL = 520
 #: By how much the sides' ratio of a real photograph may differ from that of the clear one.
 RATIO = 0.01
 #: By how much the fog of a rendered truth may differ: its coefficients are stored as float32.
@@ -98,23 +100,39 @@ def _truth(stimulus: Stimulus, size: tuple[int, int]) -> np.ndarray:
 
 def one_stimulus(stimulus: Stimulus, shown: Pictures) -> np.ndarray:
     """Zhao et al. 2013, Fig. 13: clear, synthetic and real or true, side by side, (H, W, 3) uint8."""
-    return strip([(shown.clear, ["clear", f"scene {stimulus.build.scene}"]), *_pair(stimulus, shown)])
+    return strip([(_panel(shown.clear), ["clear", f"scene {stimulus.build.scene}"]),
+                  (_panel(shown.synthetic), ["synthetic fog", stimulus.density]),
+                  (_panel(shown.other), [_kind(stimulus), stimulus.density])])
 
 
 def densities(stimuli: list[Stimulus], shown: list[Pictures]) -> np.ndarray:
-    """Zhao et al. 2013, Fig. 14: one clear photograph, then synthetic and real or true of each density."""
-    panels = [(shown[0].clear, ["clear", f"scene {stimuli[0].build.scene}"])]
-    for one, pictures in zip(stimuli, shown):
-        panels += _pair(one, pictures)
-    size = panels[0][0].shape
-    # a real photograph of fewer pixels made its own stimulus smaller
-    return strip([(picture if picture.shape == size else cv2.resize(picture, size[1::-1], interpolation=cv2.INTER_AREA), text)
-                  for picture, text in panels])
+    """Zhao et al. 2013, Fig. 14: one clear photograph; beside it synthetic fogs, and below each the real or true one."""
+    if len(stimuli) > A_ROW - 1:
+        parts = [densities(stimuli[k:k + A_ROW - 1], shown[k:k + A_ROW - 1]) for k in range(0, len(stimuli), A_ROW - 1)]
+        return _stacked(parts)
+    clear = _panel(shown[0].clear)
+    # a real photograph of slightly other proportions made its own stimulus so
+    synthetic, other = ([cv2.resize(_panel(getattr(one, which)), clear.shape[1::-1], interpolation=cv2.INTER_AREA) for one in shown]
+                        for which in ("synthetic", "other"))
+    above = [(clear, ["clear", f"scene {stimuli[0].build.scene}"]),
+             *((picture, ["synthetic fog", one.density]) for picture, one in zip(synthetic, stimuli))]
+    below = [(np.full_like(clear, 255), ["", ""]), *((picture, [_kind(one), one.density]) for picture, one in zip(other, stimuli))]
+    return _stacked([strip(above), strip(below)], 0)
 
 
-def _pair(stimulus: Stimulus, shown: Pictures) -> list[tuple[np.ndarray, list[str]]]:
-    kind = "rendered truth" if stimulus.kind == TRUTH else "real photograph"
-    return [(shown.synthetic, ["synthetic fog", stimulus.density]), (shown.other, [kind, stimulus.density])]
+def _panel(picture: np.ndarray) -> np.ndarray:
+    height, width = picture.shape[:2]
+    method = cv2.INTER_AREA if width > PANEL else cv2.INTER_CUBIC
+    return cv2.resize(picture, (PANEL, max(1, round(height * PANEL / width))), interpolation=method)
+
+
+def _kind(stimulus: Stimulus) -> str:
+    return "rendered truth" if stimulus.kind == TRUTH else "real photograph"
+
+
+def _stacked(sheets: list[np.ndarray], gap: int = 16) -> np.ndarray:
+    width = max(one.shape[1] for one in sheets)
+    return np.concatenate([np.pad(one, ((0, gap), (0, width - one.shape[1]), (0, 0)), constant_values=255) for one in sheets])
 
 
 def sheet(study: Study, shown: dict[str, Pictures]) -> np.ndarray:
@@ -122,9 +140,8 @@ def sheet(study: Study, shown: dict[str, Pictures]) -> np.ndarray:
     by_scene: dict[Build, list[Stimulus]] = {}
     for one in study.counted:
         by_scene.setdefault(Build(one.build.scene, None, one.build.scenes, one.build.builds), []).append(one)
-    sheets = [densities(ones, [shown[one.name] for one in ones]) for ones in by_scene.values()]
-    width = max(one.shape[1] for one in sheets)
-    return np.concatenate([np.pad(one, ((0, 16), (0, width - one.shape[1]), (0, 0)), constant_values=255) for one in sheets])
+    return _stacked([densities(ones, [shown[one.name] for one in ones]) if len(ones) > 1 else one_stimulus(ones[0], shown[ones[0].name])
+                     for ones in by_scene.values()])
 
 
 def write_sheet(study: Study, shown: dict[str, Pictures]) -> Path:
