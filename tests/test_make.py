@@ -319,6 +319,8 @@ def test_group_is_overridden_before_what_is_in_it(fresh):
     (("fog.visibility=3",), "no scene is named"),
     (("all",), "no scene is named: make all scene=bathroom"),
     (("closure",), "no scene is named"),
+    (("compare",), "no scene is named: make compare scene=bathroom"),
+    (("truth", "fog=thick"), "no scene is named: make truth scene=bathroom"),
     (("scene=tiny", "BUILD=a b"), "BUILD='a b'"),
     (("scene=tiny", "BUILD="), "BUILD=''"),
     (("scene=tiny", "SCENES=$(shell touch x)"), "SCENES='$(shell touch x)'"),
@@ -328,6 +330,14 @@ def test_group_is_overridden_before_what_is_in_it(fresh):
 def test_other_mistakes(arguments, says, fresh):
     assert says in refused(fresh.make(*arguments))
     assert not (fresh.root / "build").exists()
+
+
+def test_truth_runs_nothing_of_a_scenes_folder(fresh):
+    model = fresh.root / "scenes" / "tiny" / "model"
+    model.mkdir()
+    (model / "render.py").write_text("open('ran', 'w').close()\n")
+    assert "the project carries no model of 'tiny'" in refused(fresh.make("truth", "scene=tiny"))
+    assert not list(fresh.root.rglob("ran"))
 
 
 def test_no_scene_shows_help(fresh):
