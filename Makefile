@@ -140,7 +140,7 @@ ifeq ($(MAKELEVEL),0)
   ifeq ($(filter ladder study-truth,$(goals)),)
     $(if $(fogs),$(error fogs= is for the ladder: make ladder scene=$(scene) fogs="$(fogs)"))
   else
-    $(if $(fog),$(error $(firstword $(filter ladder study-truth,$(goals))) takes several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
+    $(if $(fog),$(error $(if $(filter ladder,$(goals)),a ladder shows,study-truth renders) several fogs: leave out fog=$(fog), or say fogs="$(fog) ..."))
   endif
   ifneq ($(filter study study-results,$(goals)),)
     $(if $(scene)$(dotted),$(error a study's description says which scenes and fogs it shows: leave out $(if $(scene),scene=$(scene),$(firstword $(dotted))=...), or name another one: study=FILE))
