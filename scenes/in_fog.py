@@ -15,8 +15,7 @@ import OpenImageIO as oiio
 
 from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
-from pipeline.physics.visibility import visibility
-from pipeline.scene.load import load_scene, read_scene
+from pipeline.scene.load import load_scene
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,6 @@ class Fog:
     def extinction(self) -> np.ndarray:
         return self.absorption + self.scattering
 
-    @property
-    def visibility(self) -> float:
-        """[m]"""
-        return visibility(self.extinction)
-
 
 def asked(doc: str, scene: Path) -> list[Fog]:
     """The fogs named on the command line; those of truths that are there already, if none is."""
@@ -49,13 +43,16 @@ def asked(doc: str, scene: Path) -> list[Fog]:
 
 
 def fog(scene: Path, name: str) -> Fog:
-    """The scene's even fog of this name. Raises InputError for one that varies in space."""
+    """The scene's even grey fog of this name. Raises InputError for one that varies in space or with colour."""
     medium = load_scene(scene / "scene.yaml", fog=None if name == "default" else name).fog
     phase = medium.phase()
     if medium.type != "homogeneous" or phase.type not in ("isotropic", "henyey_greenstein"):
         raise InputError(f"fog '{name}' is {medium.type}, {phase.type}", place=str(scene / "scene.yaml"),
                          remedy="truths are rendered of homogeneous fogs, isotropic or henyey_greenstein")
-    return Fog(name, *medium.coefficients(), getattr(phase, "asymmetry", 0.0))
+    found = Fog(name, *medium.coefficients(), getattr(phase, "asymmetry", 0.0))
+    if np.ptp(found.absorption) or np.ptp(found.scattering):
+        raise InputError(f"fog '{name}' is not grey", place=str(scene / "scene.yaml"), remedy="truths are rendered of grey fogs")
+    return found
 
 
 def write_truth(scene: Path, fog: Fog, radiance: np.ndarray, method: str) -> Path:
@@ -77,8 +74,3 @@ def write_truth(scene: Path, fog: Fog, radiance: np.ndarray, method: str) -> Pat
                 and output.close()):
             raise InputError(output.geterror(), place=str(path), remedy="make the folder writable")
     return path
-
-
-def fogs_of(scene: Path) -> list[str]:
-    """Names of the scene's fogs."""
-    return ["default", *(read_scene(scene / "scene.yaml").values.get("fogs") or {})]

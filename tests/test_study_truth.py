@@ -97,8 +97,11 @@ def test_enlarging_keeps_a_constant_and_an_edge_of_depth(street):
     assert street.enlarged(np.where(coarse < 10, 1.0, 2.0), coarse, fine) == pytest.approx(np.where(fine < 10, 1.0, 2.0), abs=1e-4)
 
 
-def test_uneven_fog_is_refused():
-    street = script("building")
+def test_fog_that_is_uneven_or_coloured_is_refused(street, tmp_path):
+    text = (SCENES / "building/scene.yaml").read_text()
+    (tmp_path / "scene.yaml").write_text(text + "  blue: {type: homogeneous, visibility: 40, single_scattering_albedo: [0.8, 0.9, 1]}\n")
+    with pytest.raises(InputError, match="fog 'blue' is not grey"):
+        street.in_fog.fog(tmp_path, "blue")
     with pytest.raises(InputError, match="fog 'banks' is noise.*homogeneous fogs"):
         street.in_fog.fog(SCENES / "building", "banks")
     with pytest.raises(InputError, match="no fog is called 'thik'.*did you mean 'thick'"):
