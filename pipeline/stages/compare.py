@@ -46,7 +46,9 @@ def run(build: Build) -> None:
     folder = build.compare
     folder.mkdir(parents=True, exist_ok=True)
     pictures, rows = {OURS: ours}, [_row(OURS, "ours", _our_seconds(build), set(EFFECTS))]
-    for name, other in sorted(registry("baselines").items(), key=lambda one: (-len(one[1].effects), one[0])):
+    # what needs no package comes first, the most able of each
+    for name, other in sorted(registry("baselines").items(),
+                              key=lambda one: (one[1].package is not None, -len(one[1].effects), one[0])):
         picture, row = _by_other(other, name, view, exposure)
         rows.append(row)
         if picture is not None:
