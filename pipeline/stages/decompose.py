@@ -68,6 +68,9 @@ def run(build: Build, begun: Begun | None = None) -> None:
         total = np.broadcast_to(total, (*scattered.depth.shape, 3))
         write(build.in_scattering(), total, "in-scattering map V")
         if build.reduced:
+            # these read what was written
+            for each in writing.values():
+                each.result()
             write_layers(build, scattered, lights, transmittance)
         error = checked(build, begun.check, lights, transmittance, total) if begun.check else None
         for each in writing.values():
