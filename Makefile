@@ -158,6 +158,28 @@ endif
 VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/ready
+pip_install := -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all:
+
+# $(call extra,packages,target,lock): complete locks, so that nothing that they do not name takes the place of ours
+comma := ,
+define extra
+echo "set-up: $(1) into $(VENV)"; \
+$(PY) $(pip_install) --no-deps -r pipeline/requirements-$(3).lock || \
+{ echo "error: $(1) could not be installed; see above, and run make $(2) again" >&2; exit 2; }
+endef
+
+# $(call system_package,name,variable that names the program,program,packages)
+define system_package
+command -v "$${$(2):-$(3)}" >/dev/null && exit 0; \
+if [ -n "$${$(2):-}" ]; then echo "error: no program '$$$(2)'; correct $(2), or leave it out" >&2; exit 2; fi; \
+if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then as=""; \
+elif command -v apt-get >/dev/null && command -v sudo >/dev/null && sudo -n true 2>/dev/null; then as="sudo -n"; \
+else echo "error: $(1) is not installed; run: sudo apt-get install $(3) (or your system's equivalent)" >&2; exit 2; fi; \
+echo "set-up: $(1) from the system's packages"; \
+{ $$as apt-get update -qq || true; \
+  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(4); } >/dev/null </dev/null || \
+{ echo "error: $(1) could not be installed; run: sudo apt-get install $(3)" >&2; exit 2; }
+endef
 
 $(READY): pipeline/requirements.lock
 	@refuse() { echo "error: $$1" >&2; exit 2; }; \
@@ -169,59 +191,34 @@ $(READY): pipeline/requirements.lock
 	[ ! -L $(VENV) ] || refuse "$(VENV) is a link; remove it: what it points to would be emptied"; \
 	echo "set-up: Python packages into $(VENV)"; \
 	$(PYTHON) -m venv --clear $(VENV) || refuse "no virtual environment in $(VENV); see above"; \
-	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $< || \
-	  refuse "the packages of $< could not be installed; see above, and run make again"
+	$(PY) $(pip_install) -r $< || refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
 .PHONY: povray setup setup-mitsuba setup-figures setup-browser setup-compare
 povray:
-	@command -v "$${POVRAY:-povray}" >/dev/null && exit 0; \
-	if [ -n "$${POVRAY:-}" ]; then echo "error: no program '$$POVRAY'; correct POVRAY, or leave it out" >&2; exit 2; fi; \
-	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then as=""; \
-	elif command -v apt-get >/dev/null && command -v sudo >/dev/null && sudo -n true 2>/dev/null; then as="sudo -n"; \
-	else echo "error: POV-Ray is not installed; run: sudo apt-get install povray (or your system's equivalent)" >&2; exit 2; fi; \
-	echo "set-up: POV-Ray from the system's packages"; \
-	{ $$as apt-get update -qq || true; \
-	  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends povray; } >/dev/null </dev/null || \
-	{ echo "error: POV-Ray could not be installed; run: sudo apt-get install povray" >&2; exit 2; }
+	@$(call system_package,POV-Ray,POVRAY,povray,povray)
 
 setup: $(READY) povray
 
 # only what compares with Mitsuba needs it, and nothing else asks for it
 setup-mitsuba: $(READY)
-	@echo "set-up: Mitsuba 3 into $(VENV)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r pipeline/requirements-mitsuba.lock || \
-	  { echo "error: Mitsuba could not be installed; see above, and run make setup-mitsuba again" >&2; exit 2; }
+	@$(call extra,Mitsuba 3,$@,mitsuba)
 
 # only pictures of curves need it
 FIGURES_READY := $(VENV)/figures-ready
 setup-figures: $(FIGURES_READY)
 $(FIGURES_READY): pipeline/requirements-figures.lock $(READY)
-	@echo "set-up: matplotlib into $(VENV)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r $< || \
-	  { echo "error: matplotlib could not be installed; see above, and run make setup-figures again" >&2; exit 2; }
+	@$(call extra,matplotlib,setup-figures,figures)
 	@touch $@
 
-# only what uses the study's page as people do needs a browser
+# only what uses a page as people do needs a browser
 setup-browser: $(READY)
-	@echo "set-up: Playwright into $(VENV)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-browser.lock || \
-	  { echo "error: Playwright could not be installed; see above, and run make setup-browser again" >&2; exit 2; }
-	@command -v "$${CHROMIUM:-chromium}" >/dev/null && exit 0; \
-	if [ -n "$${CHROMIUM:-}" ]; then echo "error: no program '$$CHROMIUM'; correct CHROMIUM, or leave it out" >&2; exit 2; fi; \
-	if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then as=""; \
-	elif command -v apt-get >/dev/null && command -v sudo >/dev/null && sudo -n true 2>/dev/null; then as="sudo -n"; \
-	else echo "error: Chromium is not installed; run: sudo apt-get install chromium (or your system's equivalent)" >&2; exit 2; fi; \
-	echo "set-up: Chromium from the system's packages"; \
-	{ $$as apt-get update -qq || true; \
-	  $$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; } >/dev/null </dev/null || \
-	{ echo "error: Chromium could not be installed; run: sudo apt-get install chromium" >&2; exit 2; }
+	@$(call extra,Playwright,$@,browser)
+	@$(call system_package,Chromium,CHROMIUM,chromium,chromium fonts-dejavu-core)
 
 # only `make compare` runs these tools; without their own OpenCV, which would take the place of ours
 setup-compare: $(READY)
-	@echo "set-up: albumentations, imagecorruptions and euler-preprocess into $(VENV)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: --no-deps -r pipeline/requirements-compare.lock || \
-	  { echo "error: they could not be installed; see above, and run make setup-compare again" >&2; exit 2; }
+	@$(call extra,albumentations$(comma) imagecorruptions and euler-preprocess,$@,compare)
 
 # ---- the chain ---------------------------------------------------------------------------------
 S := $(BUILD)/$(scene)

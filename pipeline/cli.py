@@ -34,8 +34,8 @@ STAGES = {
     "composite": "photograph, T and V -> foggy photograph",
     "report": "overlay, manifest and report.html",
 }
-#: Stages of a fog, each made from what the one before it wrote: after one of them all that follow are to be done.
-CHAIN = ("plan", "emit", "render", "decompose", "composite", "report")
+#: A fog's: each is made from what the one before it wrote, so that after one of them all that follow are to be done.
+CHAIN = list(STAGES)[list(STAGES).index("plan"):]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -87,8 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
         command.add_argument("--fog", default=os.environ.get("FOG_NAME") or None,
                              help="one of the scene's named fogs")
-        command.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
-        command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+        _folders(command)
         command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
                              help="overrides a value of the scene, for example fog.visibility=3")
         command.set_defaults(run={"run": _run_all, "ladder": _ladder, "match": _match}.get(name, _run_stage))
@@ -111,21 +110,18 @@ def _parser() -> argparse.ArgumentParser:
     schema.add_argument("--output", type=Path, default=Path("scenes") / SCHEMA)
     schema.set_defaults(run=_schema)
     calibrate = commands.add_parser("calibrate", help="measures what the plan's model knows of time and error")
-    calibrate.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
-    calibrate.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+    _folders(calibrate)
     calibrate.add_argument("--cases", action="store_true", help="only says which scenes and fogs it measures")
     calibrate.set_defaults(run=_calibrate)
     figures = commands.add_parser("figures", help="draws the paper's figures from what was made")
-    figures.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
-    figures.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+    _folders(figures)
     figures.add_argument("--only", action="append", default=[], metavar="NAME", help="one of them, such as fig05")
     figures.add_argument("--book", action="store_true", help="writes the page and the PDF of those that are drawn")
     figures.set_defaults(run=_figures)
     for name, what, run in (("study", "a page that asks which of two foggy pictures is the real one", _study),
                             ("study-results", "what people answered, with intervals and tests", _study_results)):
         study = commands.add_parser(name, help=what, description=what)
-        study.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
-        study.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
+        _folders(study)
         study.add_argument("--study", default=os.environ.get("FOG_STUDY", ""), help="its description; scenes/study.yaml")
         study.set_defaults(run=run)
         if name == "study":
@@ -140,6 +136,11 @@ def _parser() -> argparse.ArgumentParser:
     photos.add_argument("--scene", default=os.environ.get("FOG_SCENE") or None)
     photos.set_defaults(run=_photos)
     return parser
+
+
+def _folders(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scenes", type=Path, default=Path(os.environ.get("FOG_SCENES", "scenes")))
+    command.add_argument("--build", type=Path, default=Path(os.environ.get("FOG_BUILD", "build")))
 
 
 def _build(options) -> Build:

@@ -12,7 +12,8 @@ import pytest
 
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
-from pipeline.physics.comparison import measured, shrunk_to
+from pipeline.imaging.photograph import averaged
+from pipeline.physics.comparison import measured
 from pipeline.physics.constant_light import constant_light_fog, fitted_airlight
 from pipeline.plugins import baseline
 from pipeline.plugins.registry import registry
@@ -87,7 +88,7 @@ def test_ibpm_finds_the_parameters_of_its_own_pictures(factor):
     one = view()
     true = constant_light_fog(one.radiance, factor * one.optical_depth, AIRLIGHT)
     # averaged over blocks, as ground truth of a smaller size asks
-    made = Ibpm().foggy(wanting(one, true, shrunk=lambda picture: shrunk_to(picture, (20, 30))))
+    made = Ibpm().foggy(wanting(one, true, shrunk=lambda picture: averaged(picture, (30, 20))))
     # the search ends at 1e-3 in the logarithm of the density
     assert made.parameters["density_over_the_fogs_own"] == pytest.approx(factor, rel=3e-3)
     np.testing.assert_allclose(made.parameters["airlight"], AIRLIGHT, rtol=3e-3)
@@ -217,7 +218,7 @@ def test_compare(tiny_scene, alone, capsys):
     assert np.array_equal(ours, read_map(build.foggy(".exr")))
 
     # what is true: our own picture, smaller; IBPM gets its parameters from it
-    true = shrunk_to(ours, (9, 12))
+    true = averaged(ours, (12, 9))
     with_truth(build, true)
     assert tiny_scene.run("compare") == 0
     found = rows(build)

@@ -11,7 +11,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
-from pipeline.physics.comparison import shrunk_to
+from pipeline.imaging.photograph import averaged
 from pipeline.plugins.registry import registry
 from pipeline.scene.artefacts import write_json
 from tests.reference import path_tracer
@@ -103,7 +103,7 @@ def test_without_fog_it_is_the_photograph():
     """Of the street, where all is lit directly by the sun; radiosity of eight rays is noise of some per cent of the sky's part."""
     found = in_fog(MODELS["building"](), None, replace(QUICK, size=14, rays=3))
     photograph = read_map(SCENES / "building/photograph.exr").astype(float)
-    small = shrunk_to(photograph, found.shape[:2])
+    small = averaged(photograph, found.shape[1::-1])
     assert abs(np.median(found / small) - 1) < 0.03
     assert np.mean(found) == pytest.approx(np.mean(small), rel=0.05)
 

@@ -23,7 +23,7 @@ from pipeline.rendering import own_templates
 from pipeline.rendering.emit import Templates
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.rendering.pruning import without_unused_macros
-from pipeline.scene.artefacts import read_fog, read_json, read_placed
+from pipeline.scene.artefacts import FOG_STAGES, read_fog, read_json, read_placed
 from tests.test_light_transport import DESCRIBED, chain, run
 
 SETTINGS = {"tolerance": None, "budget": None, "quality": "normal"}
@@ -240,7 +240,7 @@ def test_trials_leave_the_scenes_own_results_alone(tmp_path):
     before = {path: path.read_bytes() for path in build.out.glob("*.exr")}
     build.lines.exists() or build.lines.write_text("{}")
     seconds = trial.run(build, "one", {**as_json(Fineness(in_scattering_size=24, samples=4)), "checked_pixels": 20})
-    assert min(seconds.values()) > 0 and set(seconds) == set(trial.STAGES)
+    assert min(seconds.values()) > 0 and set(seconds) == set(FOG_STAGES)
     assert np.isfinite(read_map(trial.of(build, "one").foggy(".exr"))).all()
     assert {path: path.read_bytes() for path in build.out.glob("*.exr")} == before
 

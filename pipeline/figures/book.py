@@ -29,8 +29,7 @@ def facts(figure: Figure, scenes: Path, builds: Path) -> list[dict[str, Any]]:
         if build.manifest.exists():
             manifest = read_json(build.manifest)
             found.append({"scene": scene, "fog": fog or "default", "parameters": manifest["parameters"]["fog"],
-                          "seconds": manifest["seconds"]["stages"], "versions": manifest["versions"],
-                          "estimated_error": manifest["estimated_error"]})
+                          "seconds": manifest["seconds"]["stages"], "versions": manifest["versions"]})
     return found
 
 

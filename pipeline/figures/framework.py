@@ -30,7 +30,7 @@ def draw(scenes: Path, builds: Path, path: Path) -> None:
     ground = figure.add_axes((0, 0, 1, 1))
     ground.set_axis_off()
     ground.set(xlim=(0, 1), ylim=(0, 1))
-    basis = read_map(next(iter(sorted(one.build.basis.glob("irradiance_*.exr")))))
+    basis = read_map(min(one.build.basis.glob("irradiance_*.exr")))
     images = {"photograph": one.photograph(), "annotations": one.annotated(), "geometry": one.depth(),
               "light": displayed(basis, tone_factor(basis)), "transmittance": one.transmittance(),
               "in_scattering": one.in_scattering(), "result": one.foggy()}

@@ -28,16 +28,16 @@ class Figure:
     draw: Callable[[Path, Path, Path], None]
 
 
-def _pictures(scenes: Path, builds: Path, scene: str, fog: str | None = None) -> Pictures:
-    return Pictures(Build(scene, fog, scenes, builds))
+def _pictures(scenes: Path, builds: Path, scene: str) -> Pictures:
+    return Pictures(Build(scene, None, scenes, builds))
 
 
 def teaser(scenes: Path, builds: Path, path: Path) -> None:
-    rows = []
+    panels = []
     for scene in ("bathroom", "building"):
         one = _pictures(scenes, builds, scene)
-        rows.append([Panel(f"{scene}, clear", one.photograph()), Panel("with synthetic fog", one.foggy())])
-    sheets.grid(path, [[*rows[0], *rows[1]]])
+        panels += [Panel(f"{scene}, clear", one.photograph()), Panel("with synthetic fog", one.foggy())]
+    sheets.grid(path, [panels])
 
 
 def interior(scenes: Path, builds: Path, path: Path) -> None:
@@ -49,10 +49,10 @@ def interior(scenes: Path, builds: Path, path: Path) -> None:
 def sun_direction(scenes: Path, builds: Path, path: Path) -> None:
     one = _pictures(scenes, builds, "bathroom")
     name, found = next(iter(read_json(one.build.sun_direction)["suns"].items()))
-    first = found.get("farthest_start")
+    start = found.get("farthest_start")
     sheets.grid(path, [
         [Panel("window (red), its patch (green)", one.cast(None)),
-         Panel("cast along the farthest start", one.cast(np.array(first)) if first else None),
+         Panel("cast along the farthest start", one.cast(np.array(start)) if start else None),
          Panel("cast along the direction found", one.cast(np.array(found["sun_direction"])))],
         [Panel("volume of the sunlight", one.shaft()), Panel("its V, brightened", one.in_scattering(name)),
          Panel("result", one.foggy())]])
@@ -71,7 +71,7 @@ def _beside_ibpm(scene: str) -> Callable[[Path, Path, Path], None]:
     def draw(scenes: Path, builds: Path, path: Path) -> None:
         one = _pictures(scenes, builds, scene)
         panels = [Panel("photograph", one.photograph())]
-        for method, title in (("ibpm", "IBPM at its best parameters"), ("ours", "ours")):
+        for method, title in (("ibpm", "IBPM, fitted"), ("ours", "ours")):
             file = one.build.compare / f"{method}.png"
             picture = cv2.imread(str(file), cv2.IMREAD_COLOR)
             if picture is None:
@@ -111,8 +111,8 @@ FIGURES = [
            " the extinction of height fog. `exact but midpoint`: what is left where all is exact but the lamp's"
            " midpoint stands for its area, as in the paper.", (), error_curves),
     Figure("fig11", "An interior by image-based participating media (IBPM, Lopez-Moreno et al. 2008), its one airlight and its"
-           " density fitted so that it is as near as it can be, and ours: without lights of their own nothing glows and"
-           " no sunlight stands in the room.", (("bathroom", None),), _beside_ibpm("bathroom")),
+           " density fitted (to the model in fog where `make truth` made that, else to our own result), and ours: without"
+           " lights of their own nothing glows and no sunlight stands in the room.", (("bathroom", None),), _beside_ibpm("bathroom")),
     Figure("fig12", "The same for street lamps at night.", (("lamps", None),), _beside_ibpm("lamps")),
     Figure("fig13", "Stimuli of a user study: clear, synthetic fog, and fog rendered into the scene's own model. Where a"
            " person has a real photograph in fog, `make study` takes that.", (("building", "moderate"),), stimuli.one_group),

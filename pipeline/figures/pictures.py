@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 
@@ -43,9 +41,6 @@ class Pictures:
         sky = read_json(self.build.geometry).get("sky_depth_m")
         return depth_picture(read_map(self.build.depth), sky)[0]
 
-    def albedo(self) -> np.ndarray:
-        return displayed(read_map(self.build.images / "albedo.exr"))
-
     def annotated(self) -> np.ndarray:
         return cv2.imread(str(self.build.overlay), cv2.IMREAD_COLOR)[..., ::-1]
 
@@ -69,6 +64,3 @@ class Pictures:
         scene = read_placed(self.build)
         suns = {name: light for name, light in scene.lights.items() if isinstance(light, Sun)}
         return overlay(self.photograph(), scene.camera, {}, suns, read_map(self.build.depth))
-
-    def of_fog(self, fog: str) -> "Pictures":
-        return Pictures(replace(self.build, fog=fog))

@@ -35,16 +35,14 @@ def pyplot():
     matplotlib.use("Agg")
     from matplotlib import pyplot as plots
 
-    plots.rcParams.update({"svg.hashsalt": "fog", "font.size": 8, "axes.titlesize": 8, "figure.dpi": DPI})
+    plots.rcParams.update({"font.size": 8, "axes.titlesize": 8, "figure.dpi": DPI})
     return plots
 
 
 def save(figure, path: Path) -> None:
-    """As PNG or PDF by the file's ending; whole or not at all."""
-    kind = path.suffix[1:]
-    nobody = {"png": {"Software": None}, "pdf": {"CreationDate": None, "Producer": None, "Creator": None}}[kind]
+    """As PNG; whole or not at all."""
     with replacing(path) as name:
-        figure.savefig(name, dpi=DPI, format=kind, metadata=nobody)
+        figure.savefig(name, dpi=DPI, format="png", metadata={"Software": None})
     pyplot().close(figure)
 
 

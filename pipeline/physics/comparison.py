@@ -2,15 +2,7 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-
-
-def shrunk_to(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """`picture` (H, W) or (H, W, n), averaged by area to `size` (h, w), in the light that it holds."""
-    if picture.shape[:2] == tuple(size):
-        return picture
-    return cv2.resize(np.ascontiguousarray(picture), size[::-1], interpolation=cv2.INTER_AREA)
 
 
 def measured(found: np.ndarray, true: np.ndarray, counted: np.ndarray) -> tuple[float, float]:

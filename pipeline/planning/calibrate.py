@@ -27,7 +27,7 @@ from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as
 from pipeline.rendering.fineness import from_json as fineness_from_json
 from pipeline.rendering.runs import fog_runs, from_json
 from pipeline.rendering.work import light_samples
-from pipeline.scene.artefacts import read_fog, read_json, read_placed, write_json
+from pipeline.scene.artefacts import FOG_STAGES, read_fog, read_json, read_placed, write_json
 
 #: Scenes and fogs that are measured; None is a scene's own fog.
 CASES = [("cornell", None), ("cornell", "homogeneous_a0.40_d0.30"), ("bathroom", None), ("bathroom", "thick"),
@@ -228,5 +228,5 @@ def _imports() -> float:
              " [importlib.import_module('pipeline.stages.' + name) for name in {!r}];"
              " from pipeline.plugins.registry import KINDS, registry; [registry(kind) for kind in KINDS];"
              " import scipy.interpolate, scipy.spatial, scipy.special;"
-             " print(time.monotonic() - start)").format(trial.STAGES)
+             " print(time.monotonic() - start)").format(FOG_STAGES)
     return float(subprocess.run([sys.executable, "-c", timed], check=True, capture_output=True, text=True).stdout)

@@ -10,9 +10,8 @@ from typing import Any
 
 from pipeline import chain
 from pipeline.paths import Build
-from pipeline.scene.artefacts import read_json, working, write_json
+from pipeline.scene.artefacts import FOG_STAGES, read_json, working, write_json
 
-STAGES = ("plan", "emit", "render", "decompose", "composite")
 #: What a fog's stages read of the scene file.
 INPUTS = ("fog", "fog_files", "gains", "render", "composite")
 
@@ -33,7 +32,7 @@ def of(build: Build, name: str) -> Trial:
 
 
 def run(build: Build, name: str, settings: dict[str, Any], fresh: bool = True, fog: dict[str, Any] | None = None,
-        stages: Sequence[str] = STAGES) -> dict[str, float]:
+        stages: Sequence[str] = FOG_STAGES) -> dict[str, float]:
     """Makes the fog with render settings changed as `settings` says; seconds [s] by stage.
 
     fresh: removes what an earlier trial of this name left, so that every render is made. fog: another one, of no files, as

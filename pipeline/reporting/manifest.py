@@ -19,9 +19,8 @@ from pipeline import __version__, paths
 from pipeline.errors import InputError
 from pipeline.paths import Build
 from pipeline.rendering import povray
-from pipeline.scene.artefacts import read_json
+from pipeline.scene.artefacts import FOG_STAGES, read_json
 
-FOG_STAGES = ("plan", "emit", "render", "decompose", "composite")
 SHARED_STAGES = ("photograph", "camera", "geometry", "sun_direction", "illumination")
 
 

@@ -29,6 +29,8 @@ THIN = 1e-4
 FORMAT = 3
 #: Stages that work at the photograph's own size; all others work at its working size.
 FULL_SIZE = {"photograph", "camera", "composite", "report", "export"}
+#: Stages of a fog up to its foggy photograph.
+FOG_STAGES = ("plan", "emit", "render", "decompose", "composite")
 SURFACES = {"fog:content": "R: face index; G: visible light's index; B: region's index; -1: none"}
 EDGES = {"fog:content": "R: share of the front layer; G: its depth; B: depth behind it [m]"}
 EDGE_COLOURS = {"front": {"fog:content": "radiance of the front layer"},

@@ -19,14 +19,15 @@ from pipeline.imaging.atomic import replacing
 from pipeline.imaging.colour import srgb_to_linear
 from pipeline.imaging.display import FLOAT_KINDS, display_exposure, displayed, shrunk, write_png
 from pipeline.imaging.maps import read_map, write_map
+from pipeline.imaging.photograph import averaged
 from pipeline.imaging.strip import WIDEST, strip
 from pipeline.paths import Build
-from pipeline.physics.comparison import measured, shrunk_to
+from pipeline.physics.comparison import measured
 from pipeline.physics.visibility import visibility
 from pipeline.plugins.registry import registry
 from pipeline.plugins.baseline import EFFECTS, ClearView, Foggy, OtherFog, Wanted
 from pipeline.reporting.compared import compared_page
-from pipeline.reporting.manifest import FOG_STAGES, SHARED_STAGES
+from pipeline.reporting.manifest import stage_seconds
 from pipeline.scene.artefacts import image_camera, read_fog, read_json, read_placed
 
 OURS = "ours"
@@ -37,7 +38,7 @@ def run(build: Build) -> None:
     if read_json(build.plan)["fog_is_clear"]:
         raise InputError("the fog is clear: nothing to compare", place=str(build.scene_file), remedy="pick a denser fog")
     clear = read_map(build.photograph).astype(float)
-    ours = _fitting(_ours(build), clear.shape[:2])
+    ours = averaged(_ours(build), clear.shape[1::-1])
     counted = ~(read_map(build.clipped, clear.shape[:2]) > 0) & (read_map(build.surfaces, clear.shape[:2])[..., 1] < 0)
     truth, note = _truth(build)
     wanted = _wanted(truth, ours, counted)
@@ -77,10 +78,6 @@ def _ours(build: Build) -> np.ndarray:
     return read_map(build.foggy(".exr")).astype(float) / 2.0 ** read_json(build.input("composite"))["exposure"]
 
 
-def _fitting(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    return picture if picture.shape[:2] == size else shrunk_to(picture, size)
-
-
 def _truth(build: Build) -> tuple[np.ndarray | None, str]:
     """The true foggy picture (h, w, 3) or None, and a line on it."""
     if not build.truth.exists():
@@ -97,9 +94,9 @@ def _truth(build: Build) -> tuple[np.ndarray | None, str]:
 def _wanted(truth: np.ndarray | None, ours: np.ndarray, counted: np.ndarray) -> Wanted:
     if truth is None:
         return Wanted("our result", ours, counted, lambda picture: picture)
-    size = truth.shape[:2]
-    left_out = shrunk_to((~counted).astype(float), size) > 0
-    return Wanted("ground truth", truth, ~left_out, lambda picture: shrunk_to(picture, size))
+    size = truth.shape[1::-1]
+    left_out = averaged(~counted, size) > 0
+    return Wanted("ground truth", truth, ~left_out, lambda picture: averaged(picture, size))
 
 
 def _view(build: Build, clear: np.ndarray, encoded: np.ndarray, wanted: Wanted) -> ClearView:
@@ -147,13 +144,7 @@ def _row(name: str, title: str, seconds: float | None, effects) -> dict[str, Any
 
 def _our_seconds(build: Build) -> float | None:
     """Of everything from the photograph to the fog, as far as it was measured."""
-    whole = [Build(build.scene, None, build.scenes, build.builds).seconds, build.seconds]
-    found = {}
-    for folder in whole:
-        for stage in (*SHARED_STAGES, *FOG_STAGES):
-            if (folder / f"{stage}.json").exists():
-                found[stage] = read_json(folder / f"{stage}.json")
-    return sum(found.values()) if found else None
+    return sum(stage_seconds(build).values()) or None
 
 
 def _enlarged(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

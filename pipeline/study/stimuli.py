@@ -54,20 +54,13 @@ def pictures(stimulus: Stimulus) -> Pictures:
     other = _truth(stimulus, clear.shape[:2]) if stimulus.kind == TRUTH else _photograph(stimulus, clear.shape[:2])
     size = common_size(clear.shape[:2], other.shape[:2])
     exposure = display_exposure(clear) if read_json(build.photograph_facts)["suffix"] in FLOAT_KINDS else 1.0
-    return Pictures(*(displayed(averaged(one, size), exposure) for one in (clear, synthetic, other)))
+    return Pictures(*(displayed(photographs.averaged(one, size[::-1]), exposure) for one in (clear, synthetic, other)))
 
 
 def common_size(clear: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
     """(height, width) [pixel] of clear's proportions that asks neither picture for more pixels than it has."""
     scale = min(1.0, LONGEST / max(clear), max(other) / max(clear))
     return max(1, round(clear[0] * scale)), max(1, round(clear[1] * scale))
-
-
-def averaged(linear: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Linear light (H, W, 3) averaged to (height, width)."""
-    if linear.shape[:2] == size:
-        return linear
-    return cv2.resize(np.ascontiguousarray(linear, np.float32), size[::-1], interpolation=cv2.INTER_AREA)
 
 
 def _photograph(stimulus: Stimulus, size: tuple[int, int]) -> np.ndarray:
