@@ -276,7 +276,7 @@ $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(cal
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 # what the fog sees round it, where that is not the open plain
-around = $(if $(shell grep -s '"sky_seen"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
+around = $(if $(shell grep -s '"mean_radiance"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
 $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
@@ -353,6 +353,8 @@ ifneq ($(filter figures $(FIGURES)/%,$(goals)),)
 # of a scene that is not there nothing is made, and its figures say so
 $(BUILD)/%/report.html: FORCE | setup
 	@set -- $(subst /, ,$*); [ ! -d "$(SCENES)/$$1" ] || $(MAKE) -s --no-print-directory scene=$$1 fog=$${2:-}
+# made on the way to a figure, and kept: the next run looks at them
+.PRECIOUS: $(BUILD)/%/report.html $(BUILD)/%/compare/compare.csv
 $(FIGURES)/fig01.png: $(addprefix $(BUILD)/,bathroom/report.html building/report.html)
 $(FIGURES)/fig02.png $(FIGURES)/fig05.png $(FIGURES)/fig06.png: $(BUILD)/bathroom/report.html
 $(FIGURES)/fig07.png: $(BUILD)/building/report.html
@@ -369,7 +371,7 @@ $(FIGURES)/table1.png: $(foreach s,bathroom building,$(wildcard $(addprefix $(SC
   $(wildcard pipeline/*.py pipeline/stages/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/planning/*.py)
 $(BUILD)/validation/mse.csv: $(foreach s,cornell cornell_height,$(wildcard $(SCENES)/$s/scene.yaml)) $(templates) \
   $(wildcard tests/validation/*.py tests/reference/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/plugins/lights/*.py) | setup
-	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants default
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants default --folder $(BUILD)/validation
 $(drawn): $(drawing) | $(FIGURES_READY)
 	@$(PY) -m pipeline figures --only $(basename $(@F))
 $(FIGURES)/figures.html: $(drawn) templates/figures.html
