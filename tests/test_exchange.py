@@ -491,8 +491,8 @@ def test_what_is_in_metres_is_not_exported():
         "lamp": {"type": "area", "outline": {"points": [[1, 2, 3]] * 3}}, "odd": {"type": "area", "outline": {"pixels": [[1, 2]] * 3}},
         "bulb": {"type": "point", "position": {"point": [1, 2, 3]}}, "wrong": 3}}, (9, 9))
     assert not found.drawn and found.left_out == [
-        "shapes.box is not marked in the photograph", "light:lamp@ is not marked in the photograph",
-        "light:odd does not say on which plane it lies", "lights.bulb is not marked in the photograph"]
+        "shapes.box is no outline, line or point in the photograph", "light:lamp is no outline, line or point in the photograph",
+        "light:odd does not say on which plane it lies", "lights.bulb is no outline, line or point in the photograph"]
 
 
 def test_photograph_size_is_that_of_the_upright_picture(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import shutil
@@ -459,6 +460,9 @@ def test_no_file(tmp_path):
     (("camera", "height"), float("nan"), "nan is no finite number"),
     (("camera", "height"), object(), "a value of type object"),
     (("camera", "height"), {1: 2}, "1 as a name"),
+    (("fog", "note"), [[0] * 1000] * 201, "would hold more than 200000 values"),
+    (("fog", "note"), json.loads("[" * 500 + "]" * 500), "nested more than 50 groups or lists deep"),
+    (("fog", "note"), json.loads("[" * 49 + "]" * 49), "nested more than 50 groups or lists deep"),
     (("fog", "note"), "x" * MAX_BYTES, "would be larger than 2000000 bytes"),
     (("a",) * 60, 1, "60 keys deep, more than 50"),
 ])

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from pipeline.annotate.edits import edited, unchanged
-from pipeline.annotate.yaml_text import numbers, plain, readable
+from pipeline.annotate.yaml_text import count, numbers, plain, readable
 from pipeline.errors import InputError, nearest
 from pipeline.imaging.atomic import replacing
 from pipeline.scene.fog_entry import FOG_NAME
-from pipeline.scene.load import FIXED, MAX_BYTES, MAX_DEPTH, composed, content_of, unit_at
+from pipeline.scene.load import FIXED, MAX_BYTES, MAX_DEPTH, MAX_NODES, composed, content_of, unit_at
 from pipeline.scene.model import scene_model
 
 #: Characters of all states together that undo goes back to; the oldest are forgotten first, one is always kept.
@@ -106,6 +106,7 @@ class SceneDocument:
             return
         if len(place) > MAX_DEPTH:
             raise self._mistake(place[:3], f"{len(place)} keys deep, more than {MAX_DEPTH}", FIXED)
+        plain(value, len(place))
         wanted = self.data
         node = wanted
         for key, following in zip(place[:-1], place[1:]):
@@ -274,6 +275,8 @@ class SceneDocument:
         """To the values `wanted`, which differ from those that are there at `place` or round it."""
         if unchanged(self._values, wanted):
             return
+        if count(wanted) > MAX_NODES:
+            raise self._mistake(place, f"the scene would hold more than {MAX_NODES} values", FIXED)
         model, units = scene_model(), {}
 
         def unit_of(where: tuple) -> str:
