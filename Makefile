@@ -35,6 +35,8 @@ to ?=
 reference ?=
 reference_scene ?=
 fit ?=
+file ?=
+replace ?=
 quality ?=
 tolerance ?=
 budget ?=
@@ -48,7 +50,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate
+unexport scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate
 define newline
 
 
@@ -105,7 +107,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -126,13 +128,15 @@ export FOG_SIMULATE := $(value simulate)
 export FOG_REFERENCE := $(value reference)
 export FOG_REFERENCE_SCENE := $(value reference_scene)
 export FOG_FIT := $(value fit)
+export FOG_FILE := $(value file)
+export FOG_REPLACE := $(value replace)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
+  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -151,6 +155,11 @@ ifeq ($(MAKELEVEL),0)
     $(foreach v,reference reference_scene fit,$(if $(value $v),$(error $v= is for a match: make match scene=$(scene) reference=foggy.jpg)))
   else
     $(if $(value reference),,$(error no photograph in fog is named: make match scene=$(scene) reference=foggy.jpg))
+  endif
+  ifeq ($(filter import-annotations export-annotations,$(goals)),)
+    $(foreach v,file replace,$(if $(value $v),$(error $v= is for annotations: make import-annotations scene=$(scene) file=annotations.json)))
+  else
+    $(if $(value file),,$(error no file is named: make $(goals) scene=$(scene) file=annotations.json))
   endif
 endif
 
@@ -248,7 +257,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck compare ladder tradeoff match calibrate study study-results study-truth truth FORCE
+.PHONY: all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations calibrate study study-results study-truth truth FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -334,6 +343,13 @@ tradeoff: $(O)/report.html | $(FIGURES_READY)
 match: $(READY) | povray
 	@export $(owner); $(MAKE) --no-print-directory scene=$(view) $(BUILD)/$(view)/illumination.json
 	$(run) match
+
+# a file from another annotation program into the scene file, and back; fSpy's needs the camera as worked out
+import-annotations: $(READY)
+	@$(PY) -m pipeline annotations --import
+
+export-annotations: $(READY) $(if $(filter export-annotations,$(goals)),$(if $(filter fspy,$(to)),$(S)/camera.json))
+	@$(PY) -m pipeline annotations --export
 
 # what the plan knows of time and error, measured on this machine
 calibrate: $(READY) | povray
@@ -466,6 +482,8 @@ help:
 	@echo "  make study-results answers=FOLDER   what people answered: the paper's Fig. 15, with intervals and tests"
 	@echo "  make study-truth scene=building fogs=\"NAME NAME\"   for the study: renders fog into the model of a scene that we made; some minutes a fog"
 	@echo "  make match scene=NAME reference=FILE   the fog of a photograph of the same view, into its scene file; see build/NAME/match/"
+	@echo "  make import-annotations scene=NAME file=FILE   what was drawn in fSpy, labelme, CVAT or COCO, into the scene file; replace=yes"
+	@echo "  make export-annotations scene=NAME file=FILE   what the scene marks, for labelme; to=fspy: its camera for fSpy"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
@@ -497,6 +515,7 @@ help:
 	@echo "  study=FILE answers=FOLDER   description of a study (scenes/study.yaml), answers that people saved"
 	@echo "  simulate=40 seed=1       so many who guess, for study-results; all that comes of it says SIMULATED"
 	@echo "  reference_scene=NAME     the scene that the photograph in fog shows, where that is another one"
+	@echo "  file=FILE replace=yes    annotations to import or export, and that what is there already may be replaced"
 	@echo "  to=NAME fit=visibility,albedo,gains,g   what the matched fog is called (matched), and what is found (all but g)"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
