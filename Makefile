@@ -265,14 +265,14 @@ endif
 $(S)/photograph.json: $(call beside,$(foreach f,photograph clipped,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/inputs/photograph.json \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py pipeline/imaging/display_window.py pipeline/imaging/map_strips.py $(call code,photograph)
 	$(run) photograph
-$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
+$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json pipeline/scene/described_camera.py $(call code,camera,geometry)
 	$(run) camera
 $(S)/geometry.json: $(call beside,$(foreach f,depth surfaces,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/camera.json \
   $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
-  pipeline/scene/full_size.py pipeline/imaging/map_strips.py \
+  pipeline/scene/full_size.py pipeline/scene/placed.py pipeline/imaging/map_strips.py \
   $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/display_window.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
-$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
+$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipeline/scene/described_sun.py $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
