@@ -26,7 +26,7 @@ from pipeline.plugins.annotations import Outline, Position
 from pipeline.plugins.base import Light, Model, Shape, World
 from pipeline.scene.depth_section import DepthSection
 from pipeline.scene.described_camera import describe
-from pipeline.scene.described_sun import described_sun, is_sun, stated_at
+from pipeline.scene.described_sun import QUICK, described_sun, is_sun, stated_at
 from pipeline.scene.outdoors import described_regions
 from pipeline.scene.placed import placed
 
@@ -181,7 +181,7 @@ class Placing:
                 settings = settings.model_copy(update={"starts": min(settings.starts, STARTS)})
             try:
                 found = self._once(("sun", name), (_key(world.camera), one.model_dump_json(), settings and settings.model_dump_json()),
-                                   lambda: described_sun(name, one, world.camera, settings, resamples=0))
+                                   lambda: described_sun(name, one, world.camera, settings, QUICK))
             except InputError as error:
                 problems.append(Problem.of(error, _sun_place(error, stated_at(name, light, settings), light)))
                 result.left_out.add(place)
