@@ -75,6 +75,8 @@ class _Kept(Scattered):
         other = copy.copy(self)
         other.medium, other.extinction = medium, np.add(*medium.coefficients())
         other.fineness = replace(self.fineness, **COARSE_GLOW)
+        other.enclosed, other.factors = copy.copy(self.enclosed), {}
+        other.enclosed.medium = medium
         other.glows, other.ways, other.rendered_offs, other.known, other.runs = {}, {}, {}, {}, {}
         other.front = other._view(self.front.full_depth, ...)
         return other
