@@ -30,7 +30,8 @@ BULB_BORDER = 3
 def run(build: Build) -> None:
     scene = read_placed(build)
     settings = plugin_from_json("estimators", read_json(build.input("illumination")))
-    if not read_json(build.input("demand"))["light_strengths"]:
+    demand = read_json(build.input("demand"))
+    if not demand["light_strengths"]:
         return _without_fog(build)
     templates = Templates(build.source)
     wanted = [irradiance_run(scene, light) for light in filter(scene.rendered, scene.lights)]
@@ -73,7 +74,7 @@ def run(build: Build) -> None:
     for message in report["messages"]:
         print(f"  note: {message}", file=sys.stderr)
     _write_albedo(build, albedo)
-    around = write_surroundings(build, scene, _lamps(build, scene))
+    around = write_surroundings(build, scene, _lamps(build, scene), demand.get("surroundings", 1.0))
     # last: Make looks at it
     write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos, "surroundings": around})
 
