@@ -392,7 +392,7 @@ study-truth: setup
 	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match photos photograph schema plugins digests clean help
+.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match bench-preview photos photograph schema plugins digests clean help
 test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -420,6 +420,9 @@ bench-tolerances: setup
 
 bench-match: setup
 	@$(PY) -m tests.benchmarks.matches
+
+bench-preview: setup
+	@$(PY) -m tests.benchmarks.preview --repeats $(repeats)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -477,6 +480,7 @@ help:
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
+	@echo "  make bench-preview       times the preview that a photograph's annotation shows, at a megapixel, and how far sliders are off"
 	@echo "  make bench-match         whether a match finds fogs that are known, whatever the exposure and white balance"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"

@@ -97,6 +97,8 @@ class Sliders:
         self.lock = threading.Lock()
         self.extinction = np.add(*draft.medium.coefficients())
         self.strengths = {name: np.asarray(one, float) for name, one in self.kept.strengths.items()}
+        #: whether all nodes are there
+        self.complete = False
         #: without fog: what arrives of each light at the surfaces, its irradiance / pi (h, w, 3)
         self.weights: dict[str, np.ndarray] = {}
         self.nodes: dict[tuple[str, float], list[_Node]] = {}
@@ -124,6 +126,7 @@ class Sliders:
         own = self.draft.medium.phase().model_dump().get("asymmetry", 0.0)
         for g in sorted(ASYMMETRIES, key=lambda g: abs(g - own)):
             self._add(wanted, (PHASE, g), lambda: altered(self.draft.medium, {"g": g}))
+        self.complete = wanted()
 
     def _add(self, wanted: Callable[[], bool], key: tuple[str, float], fog: Callable[[], Medium]) -> None:
         if wanted() and self.lights and key not in self.nodes:
