@@ -36,7 +36,7 @@ from pipeline.scene.placed import PlacedScene
 #: Longer side [pixel] at which light and fog are worked out, outdoors, where closed forms say most, and indoors.
 OUTDOORS, INDOORS = 256, 192
 #: What is rendered of the fog, at these settings. All of it together takes POV-Ray less than it takes to start and end.
-FINENESS = Fineness(in_scattering_size=48, glow_tolerance=0.05, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
+FINENESS = Fineness(in_scattering_size=36, glow_tolerance=0.1, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
                     optical_step=2 / 3, density_steps=32, transmittance=INTEGRATED)
 #: Of the estimate of light strengths: longer side [pixel], rays, bounces at most, and side of the square of small lights.
 ESTIMATE_SIZE, RAYS, BOUNCES, SUB_LIGHTS = 40, 12, 2, 3
