@@ -34,7 +34,7 @@ from pipeline.scene.model import CompositeSettings, RenderSettings
 from pipeline.scene.placed import PlacedScene
 
 #: Longer side [pixel] at which light and fog are worked out, outdoors, where closed forms say most, and indoors.
-OUTDOORS, INDOORS = 256, 192
+OUTDOORS, INDOORS = 256, 160
 #: What is rendered of the fog, at these settings. All of it together takes POV-Ray less than it takes to start and end.
 FINENESS = Fineness(in_scattering_size=36, glow_tolerance=0.1, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
                     optical_step=2 / 3, density_steps=32, transmittance=INTEGRATED)
