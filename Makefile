@@ -274,14 +274,14 @@ endif
 $(S)/photograph.json: $(call beside,$(foreach f,photograph clipped,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/inputs/photograph.json \
   $(wildcard pipeline/imaging/photograph*.py) pipeline/imaging/colour.py pipeline/imaging/display_window.py pipeline/imaging/map_strips.py $(call code,photograph)
 	$(run) photograph
-$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json $(call code,camera,geometry)
+$(S)/camera.json: $(S)/inputs/camera.json $(S)/photograph.json pipeline/scene/described_camera.py $(call code,camera,geometry)
 	$(run) camera
 $(S)/geometry.json: $(call beside,$(foreach f,depth surfaces,$(S)/$(f).exr $(S)/$(W)$(f).exr)) $(S)/camera.json \
   $(addprefix $(S)/inputs/,shapes.json lights.json depth.json plugins.json) $(S)/photograph.json pipeline/scene/outdoors.py \
-  pipeline/scene/full_size.py pipeline/imaging/map_strips.py \
+  pipeline/scene/full_size.py pipeline/scene/placed.py pipeline/imaging/map_strips.py \
   $(wildcard pipeline/imaging/edges.py pipeline/imaging/glare.py pipeline/imaging/display_window.py pipeline/imaging/depth_*.py) $(call code,geometry,$(geometry))
 	$(run) geometry
-$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json $(call code,sun_direction,$(geometry)) \
+$(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipeline/scene/described_sun.py $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 # what the fog sees round it, where that is not the open plain
@@ -410,7 +410,7 @@ study-truth: setup
 	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match photos photograph schema plugins digests clean help
+.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match bench-preview photos photograph schema plugins digests clean help
 test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -438,6 +438,9 @@ bench-tolerances: setup
 
 bench-match: setup
 	@$(PY) -m tests.benchmarks.matches
+
+bench-preview: setup
+	@$(PY) -m tests.benchmarks.preview --repeats $(repeats)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -497,6 +500,7 @@ help:
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
+	@echo "  make bench-preview       times the preview that a photograph's annotation shows, at a megapixel, and how far sliders are off"
 	@echo "  make bench-match         whether a match finds fogs that are known, whatever the exposure and white balance"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"

@@ -21,8 +21,10 @@ from pipeline.geometry.planes import polygon_area
 from pipeline.geometry.raycast import first_hits
 from pipeline.imaging.display import display_exposure, displayed, tone_factor
 from pipeline.imaging.maps import write_map
-from pipeline.imaging.canvas import LONG_SIDE, Canvas, clip_polygon, clip_segment
-from pipeline.imaging.overlay import COLOURS, cast_window, overlay
+from pipeline.imaging.canvas import LONG_SIDE, Canvas
+from pipeline.imaging.overlay import COLOURS, overlay
+from pipeline.imaging.overlay_lines import cast_window
+from pipeline.imaging.overlay_view import clip_polygon, clip_segment
 from pipeline.paths import Build
 from pipeline.plugins.lights.area import Area
 from pipeline.plugins.lights.point import Point

@@ -76,10 +76,12 @@ def axis_of(camera: Camera) -> np.ndarray:
     return camera.directions(np.array([camera.width / 2, camera.height / 2]))
 
 
-def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], triangles: int) -> FogSurroundings | None:
+def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], triangles: int, share: float = 1.0
+                     ) -> FogSurroundings | None:
     """Of the fog before a photograph; None where nothing stands round it.
 
     ground: indices of faces that the fog's light from below comes from. triangles: of all that rays are tried on.
+    share: of the rays and points along each of them that are taken at most.
     """
     depth, face = around.depth, around.face
     standing = depth[(face >= 0) & ~np.isin(face, ground) & np.isfinite(depth)]
@@ -87,7 +89,7 @@ def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], tr
         return None
     farthest = float(np.quantile(standing, FARTHEST_SHARE))
     # fewer rays and points alike, where each costs more
-    share = min(1.0, MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (LONGER * LONGER * ALONG)) ** (1 / 3)
+    share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (LONGER * LONGER * ALONG)) ** (1 / 3))
     side, along = max(3, round(share * LONGER)), max(3, round(share * ALONG))
     longer = max(camera.width, camera.height)
     width, height = (max(2, round(side * n / longer)) for n in (camera.width, camera.height))

@@ -8,7 +8,8 @@ import numpy as np
 from pipeline.imaging.canvas import Canvas
 from pipeline.imaging.display import FLOAT_KINDS, depth_picture, display_exposure, displayed, tone_factor
 from pipeline.imaging.maps import read_map
-from pipeline.imaging.overlay import COLOURS, cast_window, overlay
+from pipeline.imaging.overlay import COLOURS, overlay
+from pipeline.imaging.overlay_lines import cast_window
 from pipeline.paths import Build
 from pipeline.plugins.lights.sun import Sun
 from pipeline.scene.artefacts import read_json, read_placed

@@ -1,60 +1,21 @@
-"""A photograph to draw on in world coordinates: lines, fills, arrows and names, clipped in 3D.
-
-Everything is clipped against the view's frustum before it is projected, so that what runs past the camera's side or
-behind it ends at the picture's border.
-"""
+"""A photograph to draw on in world coordinates: lines, fills, arrows and names, clipped in 3D by `overlay_view`."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.ndimage import median_filter
 
 from pipeline.geometry.camera import Camera
+from pipeline.imaging.overlay_view import COINCIDENT, ViewLines, clip_polygon
 
 #: Least and largest long side [pixel]: names must be legible, and a screen is not larger.
 LONG_SIDE = (1200, 2000)
 #: Drawn so many times finer and averaged: antialiasing of fills, lines and text alike.
 SUPERSAMPLING = 2
-#: An edge may lie so far [share of its depth] behind a surface and count as seen: boxes are fitted one by
-#: one, and one that stands at a wall ends a centimetre before or behind it.
-COINCIDENT = 2e-2
 #: Points [pixel of 16ths] for OpenCV's drawing, which takes integers.
 FRACTION_BITS = 4
 AXES = {"x": (255, 105, 105), "y": (120, 235, 120), "z": (120, 165, 255)}
 HORIZON = (190, 190, 190)
-
-
-def clip_segment(a: np.ndarray, b: np.ndarray, planes: np.ndarray) -> np.ndarray | None:
-    """Part (2, 3) of a segment where n . x + c >= 0 for all `planes` (m, 4); None where there is none."""
-    at_a, at_b = planes[:, :3] @ a + planes[:, 3], planes[:, :3] @ b + planes[:, 3]
-    if np.any((at_a < 0) & (at_b < 0)):
-        return None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = at_a / (at_a - at_b)
-    start = max([0.0, *crossing[at_a < 0]])
-    end = min([1.0, *crossing[at_b < 0]])
-    return np.stack([a + start * (b - a), a + end * (b - a)]) if start < end else None
-
-
-def clip_polygon(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Part (k, 3) of a polygon (n, 3) where n . x + c >= 0 for all `planes` (m, 4); k may be 0.
-
-    Sutherland and Hodgman 1974. Concave polygons may get edges along the planes, which a fill hides.
-    """
-    for plane in planes:
-        kept = []
-        height = points @ plane[:3] + plane[3]
-        for i, (p, h) in enumerate(zip(points, height)):
-            before, before_height = points[i - 1], height[i - 1]
-            if (h >= 0) != (before_height >= 0):
-                kept.append(before + (p - before) * (before_height / (before_height - h)))
-            if h >= 0:
-                kept.append(p)
-        points = np.reshape(kept, (-1, 3))
-        if not len(points):
-            break
-    return points
 
 
 class Canvas:
@@ -78,25 +39,7 @@ class Canvas:
         self.unit = min(max(size), 2 * min(size)) / 1000
         # middle and extent [pixel] of what is named, its name and colour
         self.labels: list[tuple[np.ndarray, np.ndarray, str, tuple]] = []
-        self.planes = self._frustum()
-
-    def _frustum(self) -> np.ndarray:
-        """(5, 4) half-spaces of the camera frame: before the near plane, inside the picture and a margin."""
-        f, (cx, cy) = self.camera.focal_length, self.camera.principal_point
-        width, height, margin = self.camera.width, self.camera.height, 12 * self.unit
-        near = 1e-6 * max(float(self.depth.max()), 1e-12)  # any positive share: the sides bound the pixels
-        return np.array([[0, 0, 1, -near], [f, 0, cx + margin, 0], [-f, 0, width + margin - cx, 0],
-                         [0, f, cy + margin, 0], [0, -f, height + margin - cy, 0]], float)
-
-    def _in_camera(self, points: np.ndarray) -> np.ndarray:
-        return (np.asarray(points, float) - self.camera.position) @ self.camera.world_from_camera
-
-    def _sees(self, points: np.ndarray) -> bool:
-        return bool((self._in_camera(points) @ self.planes[:, :3].T + self.planes[:, 3]).min() >= 0)
-
-    def _pixels(self, in_camera: np.ndarray) -> np.ndarray:
-        camera = self.camera
-        return camera.focal_length * in_camera[..., :2] / in_camera[..., 2:] + camera.principal_point
+        self.lines = ViewLines(self.camera, 12 * self.unit, float(depth.max()))
 
     def _stroke(self, pixels: np.ndarray, colour: tuple, width: float, cased: bool = True) -> None:
         """A line through `pixels` (n, 2), in `width` thousandths of the picture, dark along its sides."""
@@ -109,47 +52,22 @@ class Canvas:
     def line(self, a: np.ndarray, b: np.ndarray, colour: tuple, width: float = 1.6, cased: bool = True
              ) -> np.ndarray | None:
         """A world segment; its visible ends' pixels (2, 2), or None."""
-        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
-        if part is None:
-            return None
-        pixels = self._pixels(part)
-        self._stroke(pixels, colour, width, cased)
+        pixels = self.lines.segment(a, b)
+        if pixels is not None:
+            self._stroke(pixels, colour, width, cased)
         return pixels
 
     def edge(self, a: np.ndarray, b: np.ndarray, colour: tuple) -> None:
         """A solid thing's edge: thick where it is seen, thin where something stands before it."""
-        part = clip_segment(self._in_camera(a), self._in_camera(b), self.planes)
-        if part is None:
-            return
-        # evenly spaced in the picture, not in space, or one that ends near the eye gets coarse
-        pixels = np.linspace(*self._pixels(part), 97)
-        share = np.linspace(0, 1, 97)
-        inverse = (1 - share) / part[0, 2] + share / part[1, 2]
-        middle = (inverse[1:] + inverse[:-1]) / 2
-        rays = (pixels[1:] + pixels[:-1]) / 2
-        beside = np.linalg.norm(rays - self.camera.principal_point, axis=1) / self.camera.focal_length
-        distance = np.hypot(beside, 1) / middle
-        seen = distance <= self._looked_up(self.farthest, rays) * (1 + COINCIDENT)
-        seen = median_filter(seen, 9, mode="nearest")  # where two surfaces coincide it flickers
-        first = 0
-        for i in range(1, 97):
-            if i == 96 or seen[i] != seen[first]:
-                shown = bool(seen[first])
-                self._stroke(pixels[first : i + 1], colour, 2.2 if shown else 0.8, cased=shown)
-                first = i
-
-    def _looked_up(self, values: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        height, width = values.shape
-        u = np.clip(pixels[:, 0] * width / self.camera.width, 0, width - 1).astype(int)
-        v = np.clip(pixels[:, 1] * height / self.camera.height, 0, height - 1).astype(int)
-        return values[v, u]
+        for shown, pixels in self.lines.edge(a, b, self.farthest):
+            self._stroke(pixels, colour, 2.2 if shown else 0.8, cased=shown)
 
     def polygon(self, points: np.ndarray, colour: tuple, name: str = "", fill: float = 0.2, width: float = 2.2
                 ) -> None:
         """A translucent outline (n, 3) [m]; `fill` is its opacity."""
-        inside = clip_polygon(self._in_camera(points), self.planes)
-        if len(inside) >= 3:
-            self._fill(self._pixels(inside), colour, fill)
+        inside = self.lines.polygon(points)
+        if len(inside):
+            self._fill(inside, colour, fill)
         for a, b in zip(points, np.roll(points, -1, 0)):
             self.line(a, b, colour, width)
         if name:
@@ -206,11 +124,11 @@ class Canvas:
 
     def marker(self, point: np.ndarray, colour: tuple, name: str = "", size: float = 1.0) -> None:
         """A bulb: a cross with a ring."""
-        if not self._sees(np.asarray(point)[None]):
+        if not self.lines.sees(np.asarray(point)[None]):
             return
-        place = self._in_camera(point)
-        self._ring(self._pixels(place), colour, 6 * size, 2.0 * size)
-        self._cross(self._pixels(place), colour, 9 * size, 1.6 * size)
+        place = self.lines.pixels(self.lines.in_camera(point))
+        self._ring(place, colour, 6 * size, 2.0 * size)
+        self._cross(place, colour, 9 * size, 1.6 * size)
         self.label(np.asarray(point)[None], name, colour)
 
     def click(self, clicked: np.ndarray, fitted: np.ndarray) -> None:
@@ -234,14 +152,9 @@ class Canvas:
 
     def horizon(self) -> None:
         """Where level rays meet infinity; none for a camera that looks straight up or down."""
-        ahead = self.camera.world_from_camera[:, 2] * [1, 0, 1]
-        if np.linalg.norm(ahead) < 1e-6:
-            return
-        beside = np.cross(ahead, [0, 1, 0])
-        middle = self.camera.position + float(self.depth.max()) * ahead
-        reach = 1e3 * float(self.depth.max()) * beside
-        pixels = self.line(middle - reach, middle + reach, HORIZON, 1.0)
+        pixels = self.lines.horizon()
         if pixels is not None:
+            self._stroke(pixels, HORIZON, 1.0)
             end = pixels[np.argmax(pixels[:, 0])]
             place, extent = end - [40 * self.unit, 0], np.full(2, 2 * self.unit)
             self.labels.append((place, extent, "horizon", HORIZON))
@@ -262,24 +175,20 @@ class Canvas:
 
     def length_at(self, point: np.ndarray) -> float:
         """Length [m] that spans a fifth of the picture at a point (3,)."""
-        return 0.2 * 1000 * self.unit * self._in_camera(point)[2] / self.camera.focal_length
+        return 0.2 * 1000 * self.unit * self.lines.in_camera(point)[2] / self.camera.focal_length
 
     def axes(self, floor_name: str = "floor") -> None:
         """The world's x, y and z, standing where most room is left on the floor, or on whatever is seen."""
         origin, on_floor = self.free_place()
-        # a round length, a fifth of the photograph at most, whose ends are all seen
-        wanted = self.length_at(origin)
-        decade = 10.0 ** np.floor(np.log10(wanted))
-        lengths = decade * np.array([5, 3, 2, 1, 0.5, 0.3, 0.2, 0.1])
-        lengths = lengths[lengths <= wanted * (1 + 1e-9)]
-        length = next((x for x in lengths if self._sees(origin + x * np.eye(3))), lengths[-1])
+        # a fifth of the photograph at most
+        length = self.lines.axis_length(origin, self.length_at(origin))
         for name, axis in zip("xyz", np.eye(3)):
             tip = self.arrow(origin, origin + length * axis, AXES[name], 2.4)
             if tip is not None:
-                start = self._pixels(self._in_camera(origin))
+                start = self.lines.pixels(self.lines.in_camera(origin))
                 out = (tip - start) / max(np.linalg.norm(tip - start), 1e-9)
                 self.labels.append((tip + 16 * self.unit * out, np.full(2, np.inf), name, AXES[name]))
-        middle = self._pixels(self._in_camera(origin))
+        middle = self.lines.pixels(self.lines.in_camera(origin))
         extent = np.full(2, 24 * self.unit)
         name = f"{f'{floor_name}, ' if on_floor else ''}{length:g} m"
         self.labels.append((middle, extent, name, (255, 255, 255)))
@@ -288,11 +197,11 @@ class Canvas:
         """Names the middle of what is seen of `points` (n, 3); of several of one name the first one seen."""
         if any(text == known for _, _, known, _ in self.labels):
             return
-        inside = self._in_camera(points)
-        inside = clip_polygon(inside, self.planes) if len(inside) in (3, 4) else inside[inside[:, 2] > 0]
+        inside = self.lines.in_camera(points)
+        inside = clip_polygon(inside, self.lines.planes) if len(inside) in (3, 4) else inside[inside[:, 2] > 0]
         if not len(inside):
             return
-        pixels = self._pixels(inside)
+        pixels = self.lines.pixels(inside)
         low, high = np.zeros(2), np.array([self.camera.width, self.camera.height])
         if (pixels.max(0) < low).any() or (pixels.min(0) > high).any():
             return

@@ -7,15 +7,13 @@ edges of the sunlight's volume blue; of Fig. 7b upright regions red, ground gree
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
-from pipeline.geometry.planes import polygon_normal
-from pipeline.geometry.shaft import bounds_other_faces, shaft_hulls
-from pipeline.imaging.canvas import AXES, HORIZON, Canvas, clip_polygon
+from pipeline.imaging.canvas import AXES, HORIZON, Canvas
+from pipeline.imaging.overlay_lines import cast_window, edges_of, shaft_edges, sun_arrow
 from pipeline.imaging.overlay_outdoors import OPEN_AIR_COLOURS, OpenAir, draw_open_air, draw_sunlight
 from pipeline.plugins.annotations import Outline, Position
 from pipeline.plugins.base import Light, Shape
@@ -42,7 +40,7 @@ def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape],
         draw_open_air(canvas, air)
     for name, shape in shapes.items():
         colour = COLOURS["shape" if shape.casts_shadow else "room"]
-        for a, b in _edges(shape.faces().values()):
+        for a, b in edges_of(shape.faces().values()):
             canvas.edge(a, b, colour)
         if shape.casts_shadow:
             canvas.label(np.concatenate(list(shape.faces().values())), name, colour)
@@ -60,43 +58,6 @@ def overlay(photograph: np.ndarray, camera: Camera, shapes: Mapping[str, Shape],
         if isinstance(light, Sunlight) and light.direction is not None:
             draw_sunlight(canvas, name, np.asarray(light.direction))
     return canvas.finished()
-
-
-def cast_window(window: np.ndarray, direction: np.ndarray, patches: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Outlines (k, 3) [m], one a patch, of the window's light where it falls (Zhao et al. 2013, Fig. 6c).
-
-    Each lies in its patch's plane and ends where the plane of another patch, such as a wall behind the
-    floor, ends it; empty (0, 3) where the light does not reach that plane.
-    """
-    planes = [(lambda n, p: np.append(n, n @ p.mean(0)))(polygon_normal(p), p) for p in patches]
-    result = []
-    for i, plane in enumerate(planes):
-        rate = direction @ plane[:3]
-        travel = (plane[3] - window @ plane[:3]) / rate if abs(rate) > 1e-6 else np.array([-1.0])
-        if travel.min() < 0:  # parallel to the plane, or it lies behind the window
-            result.append(np.zeros((0, 3)))
-            continue
-        bounds = [_facing(other, window.mean(0)) for j, other in enumerate(planes)
-                  if j != i and bounds_other_faces(other, window, patches[i])]
-        result.append(clip_polygon(window + travel[:, None] * direction, np.reshape(bounds, (-1, 4))))
-    return result
-
-
-def _facing(plane: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """The half-space n . x + c >= 0 on that side of the plane n . x = offset where `point` is."""
-    half_space = np.append(plane[:3], -plane[3])
-    return half_space * (1.0 if half_space[:3] @ point + half_space[3] >= 0 else -1.0)
-
-
-def _edges(faces) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Each edge of faces that share some, once."""
-    known = set()
-    for face in faces:
-        for a, b in zip(face, np.roll(face, -1, 0)):
-            ends = frozenset((a.tobytes(), b.tobytes()))
-            if ends not in known:
-                known.add(ends)
-                yield a, b
 
 
 def _draw_lamp(canvas: Canvas, name: str, light: Light) -> None:
@@ -119,13 +80,10 @@ def _draw_lamp(canvas: Canvas, name: str, light: Light) -> None:
 def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, direction: Sequence[float] | None
                   ) -> None:
     window, patches = opening.window.polygon, [p.polygon for p in opening.patches]
-    try:
-        for hull in shaft_hulls(window, patches, key):
-            for a, b in _edges(hull.vertices[list(face)] for face in hull.faces):
-                canvas.line(a, b, COLOURS["shaft"], 1.6)
-            canvas.label(hull.vertices, "shaft", COLOURS["shaft"])
-    except InputError:
-        pass  # the stage that needs the volume refuses it with its reason; the rest is still worth seeing
+    for corners, edges in shaft_edges(window, patches, key):
+        for a, b in edges:
+            canvas.line(a, b, COLOURS["shaft"], 1.6)
+        canvas.label(corners, "shaft", COLOURS["shaft"])
     for patch in patches:
         canvas.polygon(patch, COLOURS["patch"], f"{name}.{key} patch", width=4.0)
     canvas.polygon(window, COLOURS["window"], f"{name}.{key}")
@@ -135,7 +93,6 @@ def _draw_opening(canvas: Canvas, name: str, key: str, opening: Opening, directi
     for cast in cast_window(window, direction, patches):
         if len(cast) >= 3:
             canvas.polygon(cast, COLOURS["cast"], "cast", fill=0.12, width=1.4)
-    middle = window.mean(0)
-    length = np.linalg.norm(np.mean([p.mean(0) for p in patches], axis=0) - middle)
-    canvas.arrow(middle, middle + length * direction, COLOURS["sun"], 3.2)
-    canvas.label(middle + length * np.outer([0.45, 0.9], direction), name, COLOURS["sun"])
+    start, end = sun_arrow(window, patches, direction)
+    canvas.arrow(start, end, COLOURS["sun"], 3.2)
+    canvas.label(start + np.outer([0.45, 0.9], end - start), name, COLOURS["sun"])

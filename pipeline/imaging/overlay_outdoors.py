@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import find_objects
 
 from pipeline.imaging.canvas import Canvas
+from pipeline.imaging.overlay_lines import post_in_the_sun
 
 #: Regions as in Zhao et al. 2013, Fig. 7b.
 OPEN_AIR_COLOURS = {
@@ -62,23 +63,32 @@ def _outline_regions(canvas: Canvas, air: OpenAir) -> None:
     labels = labels.astype(np.int32)
     scale = canvas.photograph_size / labels.shape[::-1]
     named = []
-    for index, box in enumerate(find_objects(labels + 1, len(air.regions))):
+    for index, contours, middle, extent, count in region_outlines(labels, len(air.regions)):
+        for contour in contours:
+            canvas.trace(contour * scale, OPEN_AIR_COLOURS[air.regions[index][1]], 1.5)
+        named.append((count, index, middle * scale, extent * scale))
+    for _, index, middle, extent in sorted(named, key=lambda entry: -entry[0])[:MOST_NAMES]:
+        name, kind, depth = air.regions[index]
+        far = "" if depth is None or kind == "sky" else f" {depth:.1f} m" if depth < 10 else f" {depth:.0f} m"
+        canvas.name_at(middle, extent, name + far, OPEN_AIR_COLOURS[kind])
+
+
+def region_outlines(labels: np.ndarray, count: int) -> Iterator[tuple[int, list[np.ndarray], np.ndarray, float, int]]:
+    """Of each region that is seen in labels (H, W) int32: its index, closed outlines (n, 2), the pixel (2,) that is farthest
+    from them, twice that distance, and how many pixels it has."""
+    for index, box in enumerate(find_objects(labels + 1, count)):
         if box is None:
             continue
         # a border round it, so that what ends with the picture is outlined too
         mask = np.pad((labels[box] == index).astype(np.uint8), 1)
         corner = np.array([box[1].start, box[0].start]) - 1 + 0.5
-        colour = OPEN_AIR_COLOURS[air.regions[index][1]]
+        outlines = []
         for contour in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
             smooth = cv2.approxPolyDP(contour, 0.8, True)[:, 0]
-            canvas.trace((np.concatenate([smooth, smooth[:1]]) + corner) * scale, colour, 1.5)
+            outlines.append(np.concatenate([smooth, smooth[:1]]) + corner)
         inside = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
         row, column = np.unravel_index(np.argmax(inside), inside.shape)
-        named.append((int(mask.sum()), index, (np.array([column, row]) + corner) * scale, 2 * float(inside.max()) * scale))
-    for _, index, middle, extent in sorted(named, key=lambda entry: -entry[0])[:MOST_NAMES]:
-        name, kind, depth = air.regions[index]
-        far = "" if depth is None or kind == "sky" else f" {depth:.1f} m" if depth < 10 else f" {depth:.0f} m"
-        canvas.name_at(middle, extent, name + far, OPEN_AIR_COLOURS[kind])
+        yield index, outlines, np.array([column, row]) + corner, 2 * float(inside.max()), int(mask.sum())
 
 
 def draw_sunlight(canvas: Canvas, name: str, direction: np.ndarray) -> None:
@@ -89,12 +99,9 @@ def draw_sunlight(canvas: Canvas, name: str, direction: np.ndarray) -> None:
     foot, on_ground = canvas.free_place()
     if not on_ground or direction[1] >= 0:
         return
-    reach = float(np.hypot(direction[0], direction[2]) / -direction[1])
-    height = 0.6 * canvas.length_at(foot) / max(1.0, reach)
-    tip = foot + [0, height, 0]
-    end = tip - direction * (height / direction[1])
-    canvas.line(foot, end, OPEN_AIR_COLOURS["shadowed"], 4.0)
-    canvas.line(foot, tip, OPEN_AIR_COLOURS["foot"], 2.4)
-    canvas.arrow(tip - 0.8 * (end - tip), end, OPEN_AIR_COLOURS["sunlit"], 2.4)
+    post, shadow, (start, end) = post_in_the_sun(foot, canvas.length_at(foot), direction)
+    canvas.line(*shadow, OPEN_AIR_COLOURS["shadowed"], 4.0)
+    canvas.line(*post, OPEN_AIR_COLOURS["foot"], 2.4)
+    canvas.arrow(start, end, OPEN_AIR_COLOURS["sunlit"], 2.4)
     elevation = float(np.degrees(np.arcsin(-direction[1] / np.linalg.norm(direction))))
-    canvas.label(np.stack([tip, tip - 0.8 * (end - tip)]), f"{name} {elevation:.0f} deg high", OPEN_AIR_COLOURS["sunlit"])
+    canvas.label(np.stack([post[1], start]), f"{name} {elevation:.0f} deg high", OPEN_AIR_COLOURS["sunlit"])

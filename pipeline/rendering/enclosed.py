@@ -28,10 +28,10 @@ def _asks(light: Light) -> bool:
     return light.comes_from is not None and not light.unobstructed and not stated
 
 
-def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray) -> dict | None:
+def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray, share: float = 1.0) -> dict | None:
     """Writes what the fog of a scene sees round it where a light asks for that; what `read_surroundings` needs, else None.
 
-    lamps (H, W): pixels of the photograph that show lamps.
+    lamps (H, W): pixels of the photograph that show lamps. share: as `fog_surroundings`.
     """
     found = None
     asking = [light for light in scene.lights.values() if _asks(light)]
@@ -41,7 +41,7 @@ def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray) -> d
         depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
         around = Surroundings(scene.camera, scene.first_hit, photograph, depth, face, lamps)
         found = fog_surroundings(scene.camera, around, read_json(build.geometry).get("ground_faces", []),
-                                 sum(len(getattr(shape, "triangles", ())) for shape in scene.shapes.values()))
+                                 sum(len(getattr(shape, "triangles", ())) for shape in scene.shapes.values()), share)
     if found is None:
         for path in (build.surroundings, build.surrounding_kinds):
             path.unlink(missing_ok=True)

@@ -285,34 +285,54 @@ def _override(text: SceneText, model: type[Model], key: str, value: str, fog: st
 
 def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> InputError:
     """The first mistake in one line, with how many more there are."""
-    found: dict[Keys, list[dict]] = {}
-    for problem in error.errors(include_url=False):
-        found.setdefault(_where(problem, text.values), []).append(problem)
+    found = _by_place(error, text.values)
     # values of the command line first, then in the file's order, a value before the group round it
     where = min(found, key=lambda w: (not text.is_overridden(w), text.line(w), -len(w)))
-    problems = found[where]
+    said, remedy = _said(where, found[where], text.values, model)
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return InputError(said + more, place=text.place(where), remedy=remedy)
+
+
+def complaints(error: ValidationError, values: dict[str, Any], model: type[Model]) -> list[tuple[Keys, str, str, bool]]:
+    """All mistakes: keys of where each stands, what is wrong, what to do, and whether it is only that something is missing,
+    whose keys those would be."""
+    found = []
+    for where, problems in _by_place(error, values).items():
+        missing = [problem for problem in problems if problem["type"] == "missing"]
+        found += [((*where, one["loc"][-1]), *_said(where, [one], values, model), True) for one in missing]
+        if others := [problem for problem in problems if problem["type"] != "missing"]:
+            found.append((where, *_said(where, others, values, model), False))
+    return found
+
+
+def _by_place(error: ValidationError, values: dict[str, Any]) -> dict[Keys, list[dict]]:
+    found: dict[Keys, list[dict]] = {}
+    for problem in error.errors(include_url=False):
+        found.setdefault(_where(problem, values), []).append(problem)
+    return found
+
+
+def _said(where: Keys, problems: list[dict], values: dict[str, Any], model: type[Model]) -> tuple[str, str]:
+    """What is wrong at a place of the file, and what to do."""
     kind, context = problems[0]["type"], problems[0].get("ctx", {})
     dotted = ".".join(map(str, where)) or "the file"
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     if kind == "mistake":
-        said, remedy = f"{dotted}: {context['problem']}", context["remedy"]
-    elif kind == "missing":
+        return f"{dotted}: {context['problem']}", context["remedy"]
+    if kind == "missing":
         key = problems[0]["loc"][-1]
-        said = f"{dotted}: '{key}' is missing"
-        remedy = f"add '{key}:'{_unit(model, text.values, (*where, key))}"
-    elif kind == "value_error":
+        return f"{dotted}: '{key}' is missing", f"add '{key}:'{_unit(model, values, (*where, key))}"
+    if kind == "value_error":
         problem, _, remedy = problems[0]["msg"].removeprefix("Value error, ").partition("; ")
-        said, remedy = f"{dotted}: {problem}", remedy or "mend this entry"
-    else:
-        unit = _unit(model, text.values, where)
-        # of groups pydantic does not tell how many they are
-        wanted = [WANTED.get(p["type"], "").format(**(p.get("ctx", {}) | _length(p)), unit=unit) or p["msg"]
-                  for p in problems]
-        value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
-        said, remedy = f"{dotted} = {_short(value)}", f"give {' or '.join(dict.fromkeys(wanted))}"
-        if context.get("max_length", 0) >= FEWEST_OF_A_LIMIT:
-            remedy += f"; {FIXED}"
-    return InputError(said + more, place=text.place(where), remedy=remedy)
+        return f"{dotted}: {problem}", remedy or "mend this entry"
+    unit = _unit(model, values, where)
+    # of groups pydantic does not tell how many they are
+    wanted = [WANTED.get(p["type"], "").format(**(p.get("ctx", {}) | _length(p)), unit=unit) or p["msg"]
+              for p in problems]
+    value = problems[0]["loc"][-2] if problems[0]["loc"][-1] == "[key]" else problems[0]["input"]
+    remedy = f"give {' or '.join(dict.fromkeys(wanted))}"
+    if context.get("max_length", 0) >= FEWEST_OF_A_LIMIT:
+        remedy += f"; {FIXED}"
+    return f"{dotted} = {_short(value)}", remedy
 
 
 def _length(problem: dict) -> dict[str, int]:

@@ -122,7 +122,7 @@ def outdoors(build: Build, camera: Camera, described: dict[str, Any], view: Came
         known = read_depth(inside(build, settings.pop("file")), camera, **settings)
     messages: list[str] = []
     try:
-        found = depth_of_regions(camera, _regions(build, camera, section, messages), section.sky_depth, known)
+        found = depth_of_regions(camera, described_regions(build, camera, section, messages), section.sky_depth, known)
     except RegionError as error:
         name = error.region.split(":")[0]
         raise error.at(scene_place(build, "depth", *(("regions", name) if name in section.regions else ("labels",)))
@@ -146,13 +146,17 @@ def _facts(region: Region, found: RegionDepth, solid: Solid | None) -> dict[str,
             "triangles": len(solid.triangles) if solid else 0, "mesh_error": solid.error if solid else None}
 
 
-def _regions(build: Build, camera: Camera, section: DepthSection, messages: list[str]) -> list[Region]:
-    """Regions from the label image first, then those that are outlined, which lie over them."""
+def described_regions(build: Build, camera: Camera, section: DepthSection, messages: list[str], labels=read_labels
+                      ) -> list[Region]:
+    """Regions from the label image first, then those that are outlined, which lie over them.
+
+    labels: reads the label image, as `read_labels`. Raises InputError for one that cannot be read.
+    """
     regions = []
     if section.labels is not None:
         by_colour = {r.label.lower(): (name, r) for name, r in section.regions.items() if r.label}
         colours = [*PALETTE, *(colour for colour in by_colour if colour not in PALETTE)]
-        picture = read_labels(inside(build, section.labels), camera.width, camera.height, colours)
+        picture = labels(inside(build, section.labels), camera.width, camera.height, colours)
         numbers: Counter[str] = Counter()
         for index, colour in enumerate(colours):
             name, own = by_colour.get(colour, (PALETTE.get(colour), None))

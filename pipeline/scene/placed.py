@@ -6,11 +6,25 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from pydantic import ValidationError
 
+from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.meshes import nearest_triangles
 from pipeline.geometry.planes import fan, is_convex
-from pipeline.plugins.base import Exporter, Light, Medium, Shape
+from pipeline.plugins.base import FARTHEST, Exporter, Light, Medium, Shape, World
+
+
+def placed(name: str, one: Shape | Light, world: World) -> Shape | Light:
+    """A shape or light of the scene file in world metres; a shape's planes and residuals are added to `world`.
+
+    Raises InputError, without a place, for annotations that say nothing, or contradict one another.
+    """
+    try:
+        return one.placed(name, world)
+    except ValidationError:  # what is placed is bounded as what is stated
+        raise InputError(f"{name} comes out farther away or larger than {FARTHEST:g} m",
+                         remedy="move its pixels away from the horizon of its plane, or check the camera") from None
 
 
 @dataclass(frozen=True)

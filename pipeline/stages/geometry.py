@@ -9,7 +9,6 @@ Of a photograph larger than its working size all three are written at both sizes
 from __future__ import annotations
 
 import numpy as np
-from pydantic import ValidationError
 
 from pipeline.errors import InputError
 from pipeline.geometry.enlarged_view import EnlargedView
@@ -18,10 +17,11 @@ from pipeline.geometry.visibility import visible
 from pipeline.imaging.glare import glare
 from pipeline.imaging.maps import write_map
 from pipeline.paths import Build
-from pipeline.plugins.base import FARTHEST, World
+from pipeline.plugins.base import World
 from pipeline.scene.artefacts import (
     SURFACES, image_camera, plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
 from pipeline.scene.full_size import write_full_size
+from pipeline.scene.placed import placed
 from pipeline.scene.outdoors import Outdoors, outdoors
 
 
@@ -81,14 +81,10 @@ def run(build: Build) -> None:
 
 def _placed(build: Build, part: str, world: World) -> dict:
     """The shapes or lights of the scene in world metres, in the file's order."""
-    placed = {}
+    result = {}
     for name, data in read_json(build.input(part)).items():
         try:
-            placed[name] = plugin_from_json(part, data).placed(name, world)
+            result[name] = placed(name, plugin_from_json(part, data), world)
         except InputError as error:
             raise error.at(scene_place(build, part, name)) from None
-        except ValidationError:  # what is placed is bounded as what is stated
-            raise InputError(f"{name} comes out farther away or larger than {FARTHEST:g} m",
-                             place=scene_place(build, part, name),
-                             remedy="move its pixels away from the horizon of its plane, or check the camera") from None
-    return placed
+    return result

@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.rendering.daylight import daylight
-from pipeline.rendering.emit import Templates, emit
+from pipeline.rendering.emit import Templates
 from pipeline.rendering.enclosed import write_surroundings
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
@@ -30,7 +30,8 @@ BULB_BORDER = 3
 def run(build: Build) -> None:
     scene = read_placed(build)
     settings = plugin_from_json("estimators", read_json(build.input("illumination")))
-    if not read_json(build.input("demand"))["light_strengths"]:
+    demand = read_json(build.input("demand"))
+    if not demand["light_strengths"]:
         return _without_fog(build)
     templates = Templates(build.source)
     wanted = [irradiance_run(scene, light) for light in filter(scene.rendered, scene.lights)]
@@ -39,7 +40,7 @@ def run(build: Build) -> None:
         refuse_too_much(scene, wanted, read_json(build.input("render"))["max_light_samples"])
     except InputError as error:
         raise error.at(scene_place(build, "render")) from None
-    render(build, wanted, [emit(planned, scene, templates) for planned in wanted])
+    render(build, scene, wanted, templates)
     runs = {planned.id: as_json(planned) for planned in wanted}
     for old in build.basis.glob("irradiance_*"):
         if old.stem not in runs:
@@ -73,7 +74,7 @@ def run(build: Build) -> None:
     for message in report["messages"]:
         print(f"  note: {message}", file=sys.stderr)
     _write_albedo(build, albedo)
-    around = write_surroundings(build, scene, _lamps(build, scene))
+    around = write_surroundings(build, scene, _lamps(build, scene), demand.get("surroundings", 1.0))
     # last: Make looks at it
     write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos, "surroundings": around})
 
@@ -154,7 +155,8 @@ def _by_separation(build: Build, scene: PlacedScene, settings, given: dict, temp
             raise InputError(f"{settings.type} cannot estimate {name}, a light of type {scene.lights[name].type}",
                              remedy=f"give it a '{scene.lights[name].strength_name}', or choose illumination"
                                     " type liu_xing")
-    fit, faces = separated(build, scene, settings, {n: s for n, s in given.items() if n in names}, templates)
+    begun = read_json(build.albedos_begun) if build.albedos_begun.exists() else None
+    fit, faces = separated(build, scene, settings, {n: s for n, s in given.items() if n in names}, templates, begun)
     # an error without bound is none that JSON can hold
     error = np.where(np.isfinite(fit.standard_error), fit.standard_error, None)
     lights = {name: {"strength": fit.intensity[i].tolist(), "standard_error": error[i],
