@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -142,6 +143,11 @@ def read_scene(path: Path, what: str = "scene", first: str = FIRST) -> SceneText
 
     what: is described, of which `first` are what to begin with.
     """
+    return parsed(path, re.sub("\r\n?", "\n", content_of(path, what, first)), what, first)
+
+
+def content_of(path: Path, what: str = "scene", first: str = FIRST) -> str:
+    """The file's text with the line ends that it has; what is too large or no UTF-8 is refused."""
     try:
         if path.exists() and not path.is_file():
             raise InputError("is no plain file", place=str(path), remedy="give a UTF-8 text file")
@@ -149,18 +155,22 @@ def read_scene(path: Path, what: str = "scene", first: str = FIRST) -> SceneText
         if size > MAX_BYTES:
             raise InputError(f"{what} file of {size} bytes", place=str(path),
                              remedy=f"keep it below {MAX_BYTES} bytes, and pictures in files of their own; {FIXED}")
-        content = path.read_text(encoding="utf-8")
+        return path.read_bytes().decode("utf-8")
     except FileNotFoundError:
         raise InputError(f"no such {what} file", place=str(path), remedy=scenes_beside(path.parent) if what == "scene"
                          else f"write it, with {first}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", place=str(path),
                          remedy="give a readable UTF-8 text file") from None
-    return parsed(path, content, what, first)
 
 
 def parsed(path: Path, content: str, what: str = "scene", first: str = FIRST) -> SceneText:
     """Values and lines of a file's content, as `read_scene`; `path` is for messages."""
+    return composed(path, content, what, first)[1]
+
+
+def composed(path: Path, content: str, what: str = "scene", first: str = FIRST) -> tuple[MappingNode, SceneText]:
+    """The same, with the nodes whose marks tell where in the content each value stands."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _BoundedComposer
     try:
@@ -171,7 +181,7 @@ def parsed(path: Path, content: str, what: str = "scene", first: str = FIRST) ->
             raise InputError(f"the {what} file is not a group of 'name: value' lines", place=f"{path}:1",
                              remedy=f"start its lines with {first.replace(',', ':,')}:")
         lines: dict[Keys, int] = {(): 1}
-        return SceneText(path, _values(root, (), path, lines, set(), yaml.constructor), lines)
+        return root, SceneText(path, _values(root, (), path, lines, set(), yaml.constructor), lines)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         remedy = "mend this line or the one before"
@@ -353,6 +363,15 @@ def _field(model: type[BaseModel], values: Any, where: Keys) -> FieldInfo | None
             models, named = _models(found.annotation), _is_dict(found.annotation)
         node = node[part] if _holds(node, part) else None
     return found
+
+
+def unit_at(model: type[BaseModel], values: Any, where: Keys) -> str:
+    """Unit of the numbers at `where`, such as "pixel", or "": that of the nearest value round it which the model knows."""
+    for end in range(len(where), 0, -1):
+        known = None if isinstance(where[end - 1], int) else _field(model, values, where[:end])
+        if known is not None:
+            return (known.json_schema_extra or {}).get("unit", "")
+    return ""
 
 
 def _unit(model: type[BaseModel], values: Any, where: Keys) -> str:
