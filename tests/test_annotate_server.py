@@ -271,6 +271,16 @@ def test_a_box_corner_by_corner(tab):
     assert tab.data["shapes"]["box"]["stands_on"] == "room.floor"
 
 
+def test_quick_clicks_at_two_places_are_two_points(tab):
+    """Bokeh calls the second a double click."""
+    tab.do("add", kind="lamp")
+    tab.click((10, 10))
+    tab.page.guarded(tab.page.double_tapped, 60, 10)
+    tab.click((60, 60))
+    tab.page.guarded(tab.page.double_tapped, 60, 60)
+    assert tab.data["lights"]["lamp"]["outline"]["pixels"] == [[10, 10], [60, 10], [60, 60]]
+
+
 def test_points_are_moved_inserted_and_deleted(tab):
     place = ["lights", "ceiling_lamp", "outline", "pixels"]
     tab.do("choose", place=place)

@@ -155,7 +155,7 @@ class Desk:
             self.document.save(overwrite=overwrite)
             self.conflict, self.fault = False, ""
         except InputError as error:
-            self.conflict = self._file_stamp() != self._stamp
+            self.conflict = self.document.changed_on_disk()
             self.fault = "" if self.conflict else str(error)
         else:
             self._stamp = self._file_stamp()
@@ -165,6 +165,9 @@ class Desk:
         """Takes up what the person's editor wrote, where the page has nothing unsaved."""
         stamp = self._file_stamp()
         if stamp == self._stamp or stamp is None:
+            return
+        if not self.document.changed_on_disk():
+            self._stamp = stamp
             return
         if self.document.changed:
             if not self.conflict:

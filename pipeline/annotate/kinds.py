@@ -6,11 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.annotate.new_scene import USUAL_ANGLE
 from pipeline.annotate.things import (
     BOX_CORNERS, LEAST, POST, ROOM_CORNERS, ROOM_EDGES, Form, Place, at, group, listed)
 
 #: Of a clicked patch: pixels of its radius in a photograph of this width; it grows with the photograph.
 RADIUS, WIDTH = 6.0, 768
+
+#: A new scene begins with a guess, which lines along two axes take the place of.
+GUESSED = ("camera", "horizontal_field_of_view")
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ def is_open(data: dict) -> bool:
     return at(data, ("depth",)) is not None
 
 
+def settled(data: dict) -> bool:
+    """Whether something in it tells a room from the open air."""
+    return is_open(data) or bool(group(data, "shapes"))
+
+
 def free_name(taken, wanted: str) -> str:
     """`wanted`, or wanted_2, wanted_3, ... where that is taken."""
     number, name = 1, wanted
@@ -66,7 +75,9 @@ def _line(axis: str):
         place = ("camera", "lines", axis)
         count = len(listed(data, *place))
         new = (*place, count)
-        return Drawn([(new, points) if count else (place, [points])], new)
+        others = any(listed(data, *place[:2], other) for other in "xyz" if other != axis)
+        guessed = others and at(data, GUESSED) == USUAL_ANGLE
+        return Drawn([(new, points) if count else (place, [points])], new, (GUESSED,) if guessed else ())
     return make
 
 
@@ -81,12 +92,12 @@ def _known_length(data, points, options):
     return Drawn([(place, {"pixels": points, "length": length})], (*place, "pixels"), removed)
 
 
-def _first_room(data) -> str | None:
+def first_room(data) -> str | None:
     return next((name for name, shape in group(data, "shapes").items() if at(shape, ("type",)) == "room"), None)
 
 
 def _room(data, points, options):
-    name = _first_room(data) or "room"
+    name = first_room(data) or "room"
     place = ("shapes", name)
     if at(data, place) is None:
         return Drawn([(place, {"type": "room", "corners": {options.get("name") or ROOM_CORNERS[0]: points[0]}})], (*place, "corners"))
@@ -94,7 +105,7 @@ def _room(data, points, options):
 
 
 def _room_edge(data, points, options):
-    name = _first_room(data) or "room"
+    name = first_room(data) or "room"
     place = ("shapes", name)
     edge = options.get("edge") or free_edge(data)
     if at(data, place) is None:
@@ -103,14 +114,14 @@ def _room_edge(data, points, options):
 
 
 def free_edge(data) -> str:
-    taken = group(data, "shapes", _first_room(data) or "room", "edges")
+    taken = group(data, "shapes", first_room(data) or "room", "edges")
     return next((edge for edge in ROOM_EDGES if edge not in taken), ROOM_EDGES[0])
 
 
 def _box(data, points, options):
     name = free_name(group(data, "shapes"), "box")
     place = ("shapes", name)
-    value = {"type": "cuboid", "stands_on": options.get("plane") or f"{_first_room(data) or 'room'}.floor",
+    value = {"type": "cuboid", "stands_on": options.get("plane") or f"{first_room(data) or 'room'}.floor",
              "corners": {options.get("name") or BOX_CORNERS[0]: points[0]}}
     return Drawn([(place, value)], (*place, "corners"))
 
@@ -273,9 +284,9 @@ KINDS = {kind.name: kind for kind in (
 NAMES = {"room": ROOM_CORNERS, "box": BOX_CORNERS, "post": POST}
 
 
-def offered(data: dict) -> list[Kind]:
-    """What can be added to this scene."""
-    where = "open" if is_open(data) else "room"
+def offered(data: dict, setting: str = "room") -> list[Kind]:
+    """What can be added to this scene; setting: "room" or "open", for one that does not tell itself."""
+    where = setting if not settled(data) else "open" if is_open(data) else "room"
     return [kind for kind in KINDS.values() if where in kind.where]
 
 

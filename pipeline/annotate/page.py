@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 from bokeh.core.properties import Dict, Int, String
-from bokeh.events import DoubleTap, Tap
+from bokeh.events import DoubleTap, Press, Tap
 from bokeh.model import DataModel
 
 from pipeline.annotate import kinds, panels
@@ -51,11 +51,16 @@ class Page:
         self.options: dict[str, Any] = {}
         self.corner: str | None = None
         self.said = ""
+        self.setting = "open" if kinds.is_open(self.data) or "sky" in {
+            at(light, ("type",)) for light in kinds.group(self.data, "lights").values()} else "room"
+        self.last_tap: tuple[float, float] | None = None
         self.waiting: set[str] = set()
         self.wire.on_change("asked", lambda _, __, text: self.asked(text))
         self.picture.handles.on_change("data", lambda _, __, data: self.dragged(data))
         self.picture.handles.selected.on_change("indices", lambda _, __, indices: self.picked(indices))
         self.picture.plot.on_event(Tap, lambda event: self.guarded(self.tapped, event.x, event.y))
+        # a button that is held a while is no less a click
+        self.picture.plot.on_event(Press, lambda event: self.guarded(self.tapped, event.x, event.y))
         self.picture.plot.on_event(DoubleTap, lambda event: self.guarded(self.double_tapped, event.x, event.y))
         self.picture.plot.tags = [self.wire]
         doc.add_root(self.picture.plot)
@@ -119,7 +124,7 @@ class Page:
     def tapped(self, x: float, y: float) -> None:
         if not (math.isfinite(x) and math.isfinite(y)):
             return
-        thing, reach = self.thing(), self.picture.reach()
+        thing, reach, self.last_tap = self.thing(), self.picture.reach(), (x, y)
         if self.adding is not None:
             self._draw_point(x, y, reach)
             return
@@ -147,6 +152,10 @@ class Page:
             self.on_finish({})
 
     def double_tapped(self, x: float, y: float) -> None:
+        """Bokeh says it of two quick clicks wherever they were: at two places they are two clicks."""
+        if self.last_tap is None or math.hypot(self.last_tap[0] - x, self.last_tap[1] - y) > self.picture.reach():
+            self.tapped(x, y)
+            return
         if self.adding is not None:
             if len(self.draft) >= self.adding.first:
                 self.on_finish({})
@@ -228,7 +237,7 @@ class Page:
 
     def _corners_begin(self, kind: kinds.Kind) -> None:
         """A room that is there gets further corners; a box or post begins with its first."""
-        room = kinds._first_room(self.data) if kind.name == "room" else None
+        room = kinds.first_room(self.data) if kind.name == "room" else None
         if room is not None:
             self.adding = None
             self.chosen, self.point = ("shapes", room, "corners"), None
@@ -361,14 +370,26 @@ class Page:
             now = every.index(self.chosen) if self.chosen in every else (-1 if step == 1 else 0)
             self.on_choose({"place": list(every[(now + step) % len(every)])})
 
+    def on_setting(self, command) -> None:
+        """Of a scene that is neither yet: a room, or the open air, where sky and ground shine instead of walls."""
+        if command.get("value") not in ("room", "open") or kinds.settled(self.data):
+            return
+        self.desk.must_hold_pen(self)
+        self.on_cancel({})
+        self.setting = command["value"]
+        lights = {name: light for name, light in kinds.group(self.data, "lights").items()
+                  if at(light, ("type",)) not in ("ambient", "sky", "ground")}
+        wanted = {"reflected": "ambient"} if self.setting == "room" else {"sky": "sky", "ground": "ground"}
+        with self.desk.changing(self) as document:
+            document.set(("lights",), lights | {name: {"type": type} for name, type in wanted.items()})
+
     def on_front(self, command) -> None:
         """A region that lies over all others: later ones in the file lie over earlier ones."""
         if self.chosen and self.chosen[:2] == ("depth", "regions"):
-            place = self.chosen[:3]
+            regions = dict(at(self.data, self.chosen[:2]))
+            regions[self.chosen[2]] = regions.pop(self.chosen[2])
             with self.desk.changing(self) as document:
-                value = at(self.data, place)
-                document.remove(place)
-                document.set(place, value)
+                document.set(self.chosen[:2], regions)
 
     def on_undo(self, command) -> None:
         self.desk.must_hold_pen(self)

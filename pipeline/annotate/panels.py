@@ -36,9 +36,9 @@ def render(page, every: list[Thing], chosen: Thing | None) -> dict[str, str]:
     shown = {
         "writes": page.may_write, "said": page.said, "fault": desk.fault, "conflict": desk.conflict, "desk": desk, "data": data,
         "page": page, "chosen": chosen, "owner": page.owner(), "adding": page.adding, "draft": len(page.draft), "corner": page.corner,
-        "adds": [(name, [(kind, kinds.fits(kind, page.chosen, data)) for kind in kinds.offered(data) if kind.group == name])
+        "adds": [(name, [(kind, kinds.fits(kind, page.chosen, data)) for kind in kinds.offered(data, page.setting) if kind.group == name])
                  for name in GROUPS],
-        "groups": grouped(every, data), "troubled": troubled(every, desk.problems), "problems": desk.problems,
+        "settled": kinds.settled(data), "setting": page.setting, "groups": grouped(every, data), "troubled": troubled(every, desk.problems), "problems": desk.problems,
         "fields": page.fields() if page.may_write else [], "sliders": sliders(data), "steps": STEPS, "hint": hint(page, chosen),
         "planes": planes_of(page), "edges": kinds.ROOM_EDGES, "free_edge": kinds.free_edge(data), "job": desk.render,
         "facts": facts(desk.shown), "scene": desk.document.path.parent.name,

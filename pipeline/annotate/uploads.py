@@ -1,4 +1,4 @@
-"""Files from the browser: a photograph for a new scene, or a label image for the one that is open.
+"""Files from the browser: a photograph for a new scene; a label image, or annotations of another program, for the one that is open.
 
 The body goes to a file of the server's own folder piece by piece and is bounded; what it holds is decoded by the project's own reader
 of photographs before it takes a place under scenes/. Its name in the browser is never used.
@@ -29,7 +29,7 @@ SIGNATURES = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png", b"II*\0": "
 
 @web.stream_request_body
 class Upload(web.RequestHandler):
-    """POST of a file's bytes; `what` is photograph (with `name`) or labels (with `scene`). Answers in JSON."""
+    """POST of a file's bytes; `what` is photograph (with `name`), labels or annotations (with `scene`). Answers in JSON."""
 
     def initialize(self, studio):
         self.studio = studio
@@ -61,8 +61,10 @@ class Upload(web.RequestHandler):
             elif what == "labels":
                 self._labels(self.get_query_argument("scene", ""))
                 self.finish({"labels": LABELS})
+            elif what == "annotations":
+                self.finish({"said": self._annotations(self.get_query_argument("scene", ""))})
             else:
-                raise InputError(f"what={what[:40]}", remedy="send a photograph or labels")
+                raise InputError(f"what={what[:40]}", remedy="send a photograph, labels or annotations")
         except InputError as error:
             self.set_status(400)
             self.finish({"error": str(error)})
@@ -82,12 +84,25 @@ class Upload(web.RequestHandler):
         finally:
             path.unlink(missing_ok=True)
 
-    def _labels(self, scene: str) -> None:
+    def _desk(self, scene: str):
         desk = self.studio.desks.get(scene)
-        if desk is None:
-            raise InputError(f"no scene '{scene[:40]}' is open", remedy="open it first")
-        if desk.pen is None:
-            raise InputError("no tab edits this scene", remedy="open it first")
+        if desk is None or desk.pen is None:
+            raise InputError(f"no tab edits the scene '{scene[:40]}'", remedy="open it first")
+        return desk
+
+    def _annotations(self, scene: str) -> list[str]:
+        """Imports a file of another program as one step; what came of each part, a line each."""
+        from pipeline.annotate.exchange.importing import import_file
+
+        desk = self._desk(scene)
+        try:
+            with desk.changing(desk.pen) as document:
+                return import_file(document, self.path, desk.size)
+        except InputError as error:
+            raise InputError(error.problem, remedy=error.remedy, place="the file") from None
+
+    def _labels(self, scene: str) -> None:
+        desk = self._desk(scene)
         if _ending(self.path) != ".png":
             raise InputError("no PNG", place="the label image", remedy="save it as PNG, 8 bit, without soft edges")
         path = self.path.with_suffix(".png")

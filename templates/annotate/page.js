@@ -210,6 +210,11 @@ $("label-upload").addEventListener("submit", async (event) => {
   event.preventDefault();
   if (await upload({ what: "labels", scene }, $("label-file").files[0])) $("files").close();
 });
+$("import").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const said = await upload({ what: "annotations", scene }, $("import-file").files[0]);
+  if (said) $("upload-said").textContent = said.said.join("; ");
+});
 
 // ---- the beginning ------------------------------------------------------------------------------
 const annotate = window.annotate = { shown: { url: "", at: 0, count: 0 }, slid: 0,
