@@ -13,6 +13,10 @@ from pipeline.scene.model import json_schema
 
 #: Characters of a text, and of a list of numbers as it is typed.
 LONGEST = 400
+#: Fogs that the page offers, each with what it cannot do without; all others are written by hand.
+FOGS = {"homogeneous": {}, "height": {"scale_height": 5.0}}
+#: What these have in common.
+COMMON = ("visibility", "contrast", "single_scattering_albedo", "absorption_coefficient", "scattering_coefficient", "phase_function")
 
 
 @dataclass(frozen=True)
@@ -97,18 +101,41 @@ def fields(data: dict, owner: Place, planes: list[str]) -> list[Field]:
     described = schema_at(data, owner)
     if described is None or described.get("type") != "object":
         return found
+    if owner == ("fog",):
+        found.append(Field((*owner, "type"), "kind", "choice", at(data, (*owner, "type")), None, choices=tuple(FOGS)))
     for key, one in described.get("properties", {}).items():
         if key == "type":
             continue
         place = (*owner, key)
+        if key == "known":
+            found += _known(data, place, one)
+            continue
         made = _field(data, place, one, planes)
         if made is not None:
             found.append(made)
         elif key in ("outline", "position", "window") and isinstance(at(data, place), dict):
             found += [one for one in fields(data, place, planes) if one.place[-1] in ("on", "offset", "depth")]
+        elif key == "phase_function":
+            found += fields(data, place, planes)
         elif key == "known_length" and isinstance(at(data, place), dict):
             found += [one for one in fields(data, place, planes) if one.place[-1] == "length"]
     return found
+
+
+def _known(data: dict, place: Place, described: dict) -> list[Field]:
+    """Lengths or coordinates that nothing in the photograph shows, by name."""
+    one = _resolved(described, None) or {}
+    names = _resolved(one.get("propertyNames", {}), None) or {}
+    value = _resolved(one.get("additionalProperties") or {}, 0.0) or {}
+    return [Field((*place, name), f"known {name}", "number", at(data, (*place, name)), None, one.get("unit", "m"),
+                  one.get("description", ""), least=value.get("minimum"), most=value.get("maximum")) for name in names.get("enum", ())]
+
+
+def fog_of_kind(fog: dict, kind: str) -> dict[str, Any]:
+    """The same fog as another medium: what both have in common stays."""
+    more = FOGS[kind]
+    kept = {key: value for key, value in fog.items() if key in COMMON or key in more}
+    return {**kept, "type": kind, **{key: value for key, value in more.items() if key not in kept}}
 
 
 def _field(data: dict, place: Place, described: dict, planes: list[str]) -> Field | None:

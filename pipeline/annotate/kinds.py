@@ -170,14 +170,6 @@ def _sun_patch(data, points, options):
     return Drawn([(new, patch) if count else (patches, [patch])], (*new, "pixels"))
 
 
-def _appended(place: Place, value, key: str):
-    def make(data, points, options):
-        count = len(listed(data, *place))
-        one, new = value(data, points), (*place, count)
-        return Drawn([(new, one) if count else (place, [one])], (*new, key) if key else new)
-    return make
-
-
 def _plain_light(type: str, wanted: str):
     def make(data, points, options):
         place = ("lights", free_name(group(data, "lights"), wanted))
@@ -185,8 +177,12 @@ def _plain_light(type: str, wanted: str):
     return make
 
 
-def _known_colour(data, points):
-    return {"pixels": points, "albedo": [0.5, 0.5, 0.5]}
+def _known_colour(data, points, options):
+    place, one = ("illumination", "albedos"), {"pixels": points, "albedo": [0.5, 0.5, 0.5]}
+    count = len(listed(data, *place))
+    if at(data, ("illumination", "type")) != "karsch":
+        return Drawn([(("illumination",), {"type": "karsch", "albedos": [one]})], (*place, 0, "pixels"))
+    return Drawn([((*place, count), one) if count else (place, [one])], (*place, count, "pixels"))
 
 
 def _liu_xing(key: str, outline: bool):
@@ -260,7 +256,7 @@ KINDS = {kind.name: kind for kind in (
     Kind("sunlight", "Sunlight", "Lights", "nothing", "", _plain_light("sunlight", "sun"), OPEN),
     Kind("ground_light", "Light from the ground", "Lights", "nothing", "", _plain_light("ground", "ground"), OPEN),
     Kind("known_colour", "Known colour", "Known colours and patches", "outline", "Outline a surface whose colour you know.",
-         _appended(("illumination", "albedos"), _known_colour, "pixels"), ROOM, "k"),
+         _known_colour, ROOM, "k"),
     Kind("ground", "Ground", "Regions", "outline", "Outline level ground: a road, a lawn, a lake.", _region("support", "ground"), OPEN,
          "g"),
     Kind("upright", "Upright thing", "Regions", "outline", "Outline a wall, a tree, a person. Later ones lie over earlier ones.",

@@ -17,7 +17,7 @@ from bokeh.model import DataModel
 
 from pipeline.annotate import kinds, panels
 from pipeline.annotate.desk import Desk
-from pipeline.annotate.fields import fields, typed
+from pipeline.annotate.fields import fields, fog_of_kind, typed
 from pipeline.annotate.canvas import Picture, nearest_edge, nearest_thing
 from pipeline.annotate.sliders import sliders
 from pipeline.annotate.things import Place, Thing, at, things
@@ -419,7 +419,9 @@ class Page:
         if value == field.value:
             return
         with self.desk.changing(self) as document:
-            if value is None:
+            if place == ("fog", "type"):
+                document.set(("fog",), fog_of_kind(at(self.data, ("fog",), {}), value or "homogeneous"))
+            elif value is None:
                 document.remove(place)
             else:
                 document.set(place, value)

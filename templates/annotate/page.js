@@ -9,7 +9,7 @@ const base = location.pathname.replace(/[^/]*$/, "");
 const stage = $("stage");
 let model, view, count = 0, fitted = true;
 
-const send = (command) => { model.wire.asked = JSON.stringify({ ...command, n: ++count }); };
+const send = (command) => { annotate.acted = performance.now(); model.wire.asked = JSON.stringify({ ...command, n: ++count }); };
 
 // ---- panels ------------------------------------------------------------------------------------
 const shownPanels = {};
@@ -59,9 +59,9 @@ document.addEventListener("input", (event) => {
   const { least, most, log, unit } = element.dataset, share = element.value / element.max;
   const value = +log ? least * (most / least) ** share : +least + (most - least) * share;
   element.previousElementSibling.textContent = `${+value.toPrecision(3)}${unit ? ` ${unit}` : ""}`;
-  if (!slid.size) requestAnimationFrame(() => { for (const command of slid.values()) send(command); slid.clear(); });
+  if (!slid.size) requestAnimationFrame(() => { const began = annotate.acted; for (const command of slid.values()) send(command); slid.clear(); annotate.acted = began; });
   slid.set(element.dataset.slide, { do: "slide", name: element.dataset.slide, value: element.value });
-  annotate.slid = performance.now();
+  annotate.acted = performance.now();
 });
 
 // ---- the picture -------------------------------------------------------------------------------
@@ -126,6 +126,7 @@ function grasp(event) {
   if (grasped >= 0) { model.handles.selected.indices = [grasped]; model.move.active = true; } else model.pan.active = true;
 }
 function release() {
+  annotate.acted = performance.now();
   if (grasped >= 0) { const index = grasped; setTimeout(() => { if (index < model.handles.data.x.length) model.handles.selected.indices = [index]; }); }
   grasped = -1;
 }
@@ -217,7 +218,7 @@ $("import").addEventListener("submit", async (event) => {
 });
 
 // ---- the beginning ------------------------------------------------------------------------------
-const annotate = window.annotate = { shown: { url: "", at: 0, count: 0 }, slid: 0,
+const annotate = window.annotate = { shown: { url: "", at: 0, count: 0 }, acted: 0,
   // where a point of the photograph is on the screen
   where: (x, y) => { const box = view.el.getBoundingClientRect(); return [box.left + view.frame.x_scale.compute(x), box.top + view.frame.y_scale.compute(y)]; } };
 function begin() {
@@ -242,6 +243,7 @@ function begin() {
   model.kept = now();
   showPanels();
   showPicture();
+  doc.on_event("connection_lost", () => { $("gone").hidden = false; });
   annotate.ready = true;
 }
 begin();
