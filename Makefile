@@ -36,6 +36,8 @@ to ?=
 reference ?=
 reference_scene ?=
 fit ?=
+file ?=
+replace ?=
 quality ?=
 tolerance ?=
 budget ?=
@@ -51,7 +53,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate photo port
+unexport scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate photo port
 define newline
 
 
@@ -109,7 +111,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to reference reference_scene fit quality tolerance budget study answers simulate photo port SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate photo port SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -132,13 +134,15 @@ export FOG_REFERENCE_SCENE := $(value reference_scene)
 export FOG_FIT := $(value fit)
 export FOG_PHOTO := $(value photo)
 export FOG_PORT := $(value port)
+export FOG_FILE := $(value file)
+export FOG_REPLACE := $(value replace)
 export FOG_SCENES := $(SCENES)
 export FOG_BUILD := $(BUILD)
 
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match photograph truth study-truth annotate,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
+  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations photograph truth study-truth annotate,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -162,6 +166,11 @@ ifeq ($(MAKELEVEL),0)
     $(if $(value photo)$(filter-out 0,$(value port)),$(error photo= and port= are for the page: make annotate scene=$(or $(scene),mine) photo=IMG.jpg))
   else
     $(if $(fog)$(dotted),$(error the page changes the scene file itself: leave out $(if $(fog),fog=$(fog),$(firstword $(dotted))=...)))
+  endif
+  ifeq ($(filter import-annotations export-annotations,$(goals)),)
+    $(foreach v,file replace,$(if $(value $v),$(error $v= is for annotations: make import-annotations scene=$(scene) file=annotations.json)))
+  else
+    $(if $(value file),,$(error no file is named: make $(goals) scene=$(scene) file=annotations.json))
   endif
 endif
 
@@ -266,7 +275,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck compare ladder tradeoff match calibrate study study-results study-truth truth annotate FORCE
+.PHONY: all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations calibrate study study-results study-truth truth annotate FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -354,6 +363,13 @@ match: $(READY) | povray
 # a person's own page: what it makes by the way is gone when it ends
 annotate: setup $(ANNOTATE_READY)
 	@$(PY) -m pipeline annotate
+
+# a file from another annotation program into the scene file, and back; fSpy's needs the camera as worked out
+import-annotations: $(READY)
+	@$(PY) -m pipeline annotations --import
+
+export-annotations: $(READY) $(if $(filter export-annotations,$(goals)),$(if $(filter fspy,$(to)),$(S)/camera.json))
+	@$(PY) -m pipeline annotations --export
 
 # what the plan knows of time and error, measured on this machine
 calibrate: $(READY) | povray
@@ -485,6 +501,8 @@ help:
 	@echo "  make study-truth scene=building fogs=\"NAME NAME\"   for the study: renders fog into the model of a scene that we made; some minutes a fog"
 	@echo "  make match scene=NAME reference=FILE   the fog of a photograph of the same view, into its scene file; see build/NAME/match/"
 	@echo "  make annotate scene=NAME [photo=FILE]   a page that annotates a photograph and shows its fog at once; photo begins a new scene"
+	@echo "  make import-annotations scene=NAME file=FILE   what was drawn in fSpy, labelme, CVAT or COCO, into the scene file; replace=yes"
+	@echo "  make export-annotations scene=NAME file=FILE   what the scene marks, for labelme; to=fspy: its camera for fSpy"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
 	@echo "  make photograph scene=bathroom   renders the synthetic photograph again from its model"
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
@@ -517,6 +535,7 @@ help:
 	@echo "  study=FILE answers=FOLDER   description of a study (scenes/study.yaml), answers that people saved"
 	@echo "  simulate=40 seed=1       so many who guess, for study-results; all that comes of it says SIMULATED"
 	@echo "  reference_scene=NAME     the scene that the photograph in fog shows, where that is another one"
+	@echo "  file=FILE replace=yes    annotations to import or export, and that what is there already may be replaced"
 	@echo "  to=NAME fit=visibility,albedo,gains,g   what the matched fog is called (matched), and what is found (all but g)"
 	@echo "  photo=FILE port=8000     the photograph of a new scene, for annotate, and where its page is (a free port)"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"

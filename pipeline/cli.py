@@ -137,6 +137,21 @@ def _parser() -> argparse.ArgumentParser:
     annotate.add_argument("--no-browser", action="store_true", help="only says where the page is")
     _folders(annotate)
     annotate.set_defaults(run=_annotate, fog=None)
+    annotations = commands.add_parser(
+        "annotations", help="annotations of other programs into a scene, or a scene's into a file",
+        description="Imports an fSpy project (.fspy) or its JSON, labelme's or COCO's JSON, or CVAT's XML for images 1.1 into"
+                    " the scene file, or exports labelme's or fSpy's JSON. What a drawing stands for is said by its label,"
+                    " such as light:lamp, window:door@room.left, region:trees, box:table or x for an edge that runs"
+                    " left-right; see the README.")
+    annotations.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/")
+    annotations.add_argument("--import", dest="to_import", nargs="?", const=os.environ.get("FOG_FILE", ""), metavar="FILE")
+    annotations.add_argument("--export", dest="to_export", nargs="?", const=os.environ.get("FOG_FILE", ""), metavar="FILE")
+    annotations.add_argument("--to", default=os.environ.get("FOG_TO", ""), help="labelme (usual) or fspy, for an export")
+    annotations.add_argument("--replace", nargs="?", const="yes", default=os.environ.get("FOG_REPLACE", ""), metavar="yes",
+                             help="what is there already may be replaced")
+    annotations.add_argument("--image", default="", help="name of the picture, in a file of several")
+    _folders(annotations)
+    annotations.set_defaults(run=_annotations, fog=None)
     photos = commands.add_parser("photos",
                                  help="fetches the demo photographs that the repository does not carry")
     photos.add_argument("--scenes", type=Path, default=Path("scenes"))
@@ -349,6 +364,20 @@ def _study_results(options) -> None:
         print("note: no picture without matplotlib; run make setup-figures", file=sys.stderr)
     told = f"{len(found.participants)} {'SIMULATED ' if simulated else ''}participants" if found.participants else "no answers were collected"
     print(f"done: {told}; {', '.join(str(study.results(s, simulated)) for s in ('.csv', '.json', *(('.png', '.svg') if drawn else ())))}")
+
+
+def _annotations(options) -> None:
+    from pipeline.annotate.exchange import command
+
+    if (options.to_import is None) == (options.to_export is None):
+        raise InputError("it is not said whether to import or to export", place="command line",
+                         remedy="give one of --import FILE and --export FILE")
+    if options.replace not in ("", "yes"):
+        raise InputError(f"replace={options.replace}", place="command line", remedy="give replace=yes, or leave it out")
+    if options.to_import is not None:
+        command.imported(_build(options), options.to_import, replace=options.replace == "yes", image=options.image)
+    else:
+        command.exported(_build(options), options.to_export, options.to, replace=options.replace == "yes")
 
 
 def _photos(options) -> int:

@@ -82,6 +82,11 @@ def test_only_the_entry_knows_the_command_line():
     assert [name for name in MODULES if "pipeline.cli" in imports(name)] == ["pipeline.__main__"]
 
 
+def test_nothing_below_knows_the_annotator():
+    assert {package(name) for name in MODULES for i in imports(name) if package(i) == "pipeline.annotate"} <= {
+        "pipeline.annotate", "pipeline.cli"}
+
+
 def test_no_module_imports_itself_round_about():
     graph = {name: {i for i in imports(name) if i in MODULES and i != name} for name in MODULES}
     TopologicalSorter(graph).prepare()  # raises CycleError, naming the cycle

@@ -295,6 +295,20 @@ def test_values_reach_no_shell(fresh):
     assert not touched.exists() and not (PROJECT / touched.name).exists()
 
 
+def test_annotations_come_and_go_by_files_of_any_name(fresh):
+    touched = fresh.root / "touched"
+    for words in ("$(shell touch {0})", "tiny\ntouch {0}"):
+        refused(fresh.make("import-annotations", "scene=tiny", f"file={words.format(touched)}"))
+    target = fresh.root / f"$(touch {touched.name}) `touch {touched.name}`; ' \".json"
+    fresh.replace("fog:", "illumination: {type: liu_xing, shadowed: [{pixels: [[1, 2], [9, 2], [9, 8]]}]}\nfog:")
+    assert fresh.make("export-annotations", "scene=tiny", f"file={target}").returncode == 0
+    before = fresh.file.read_bytes()
+    said = fresh.make("import-annotations", "scene=tiny", f"file={target}")
+    assert said.returncode == 0 and "imported: illumination.shadowed" in said.stdout, said.stderr
+    assert fresh.file.read_bytes() == before, "what is drawn already is drawn as before"
+    assert not touched.exists() and not (PROJECT / touched.name).exists()
+
+
 def test_names_from_the_environment_are_checked_too(fresh):
     touched = fresh.root / "touched"
     assert "scene name" in refused(fresh.make(scene=f"$(shell touch {touched})"))
@@ -325,6 +339,12 @@ def test_group_is_overridden_before_what_is_in_it(fresh):
     (("scene=tiny", "BUILD="), "BUILD=''"),
     (("scene=tiny", "SCENES=$(shell touch x)"), "SCENES='$(shell touch x)'"),
     (("photograph", "scene=tiny"), "has no model/render.py"),
+    (("import-annotations", "file=a.json"), "no scene is named: make import-annotations scene=bathroom"),
+    (("import-annotations", "scene=tiny"), "no file is named: make import-annotations scene=tiny file=annotations.json"),
+    (("export-annotations", "scene=tiny", "file=a.json", "to=../x"), "to name '../x'"),
+    (("scene=tiny", "file=a.json"), "file= is for annotations: make import-annotations scene=tiny file=annotations.json"),
+    (("import-annotations", "scene=tiny", "file=no.json"), "no.json: no such file"),
+    (("import-annotations", "scene=tiny", "file=no.json", "replace=no"), "replace=no; give replace=yes"),
     (("scene=tiny", "POVRAY=no-such-povray"), "no program 'no-such-povray'"),
 ])
 def test_other_mistakes(arguments, says, fresh):

@@ -263,8 +263,16 @@ class SceneDocument:
         """To the values `wanted`, which differ from those that are there at `place` or round it."""
         if unchanged(self._values, wanted):
             return
-        model = scene_model()
-        wanted = readable(wanted, (), lambda where: unit_at(model, wanted, where), numbers(self._values))
+        model, units = scene_model(), {}
+
+        def unit_of(where: tuple) -> str:
+            while isinstance(where[-1], int):
+                where = where[:-1]
+            if where not in units:
+                units[where] = unit_at(model, wanted, where)
+            return units[where]
+
+        wanted = readable(wanted, (), unit_of, numbers(self._values))
         if unchanged(self._values, wanted):
             return
         plain_text = self._text.replace("\r\n", "\n")

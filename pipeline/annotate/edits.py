@@ -18,6 +18,9 @@ from pipeline.annotate.yaml_text import WIDTH, block, entry, flow, item, wants_l
 #: Things of which later ones lie over, or stand on, earlier ones: their order is part of what is said.
 ORDERED = (("depth", "regions"), ("shapes",))
 
+#: A list in brackets to which more is added, or from which more is taken, is wrapped anew.
+MOST_PIECES = 4
+
 
 def edited(text: str, root: MappingNode, old: dict[str, Any], new: dict[str, Any], sections: list[str],
            whole: tuple | None = None) -> str:
@@ -203,10 +206,15 @@ class _Edits:
         most = min(len(old), len(new)) - first
         last = next((n for n in range(most) if not same(old[-1 - n], new[-1 - n])), most) if len(old) != len(new) else 0
         middle_old, middle_new = len(old) - last - first, len(new) - last - first
-        both = min(middle_old, middle_new)
+        both, noted = min(middle_old, middle_new), len(self.parts)
         for n in range(first, first + both):
             self.value((*where, n), node.value[n], node.value[n].start_mark.index if node.flow_style else self.dash(node.value[n]) + 1,
                        old[n], new[n], node.flow_style)
+        if node.flow_style and abs(len(old) - len(new)) > MOST_PIECES and "#" not in self.text[
+                node.start_mark.index:node.end_mark.index]:
+            self.parts = self.parts[:noted]
+            self.replaced(node, node.start_mark.index, new, True)
+            return
         gone = list(range(first + both, first + middle_old))
         added = new[first + both:first + middle_new]
         before = first + both - 1

@@ -43,6 +43,18 @@ def read(path: str | os.PathLike, colour_space: str = "auto", max_pixels: int = 
         raise error.at(str(path)) from None
 
 
+def read_size(path: str | os.PathLike) -> tuple[int, int]:
+    """Width and height [pixel] of the photograph as `read` gives it, upright; no pixel is decoded."""
+    path = Path(path)
+    try:
+        source = _opened(path)
+    except InputError as error:
+        raise error.at(str(path)) from None
+    spec = source.spec()
+    size = (spec.full_width, spec.full_height) if source.format_name() == "openexr" else (spec.width, spec.height)
+    return size[::-1] if spec.get_int_attribute("Orientation", 1) >= 5 else size
+
+
 def _opened(path: Path) -> oiio.ImageInput:
     if not path.exists():
         raise InputError("no such file", remedy="check the path of the photograph")
