@@ -159,6 +159,11 @@ class Build:
         """Clear renders of each light alone."""
         return self.shared / "basis"
 
+    @property
+    def albedos_begun(self) -> Path:
+        """Albedos by face from which the estimate of the light begins; only where a preview knows them from before."""
+        return self.shared / "inputs" / "albedos_begun.json"
+
     # of one fog
     @property
     def plan(self) -> Path:

@@ -19,7 +19,7 @@ from pipeline.annotate import kinds, panels
 from pipeline.annotate.desk import Desk
 from pipeline.annotate.fields import fields, fog_of_kind, typed
 from pipeline.annotate.canvas import Picture, nearest_edge, nearest_thing
-from pipeline.annotate.sliders import sliders
+from pipeline.annotate.fog_sliders import sliders
 from pipeline.annotate.things import Place, Thing, at, things
 from pipeline.errors import InputError
 

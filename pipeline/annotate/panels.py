@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 
 from pipeline.annotate import kinds
-from pipeline.annotate.sliders import STEPS, sliders
+from pipeline.annotate.fog_sliders import STEPS, sliders
 from pipeline.annotate.things import Place, Thing, at, group, listed
 from pipeline.paths import TEMPLATES
 

@@ -18,7 +18,7 @@ from pipeline.annotate.scaled import scaled
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane
-from pipeline.geometry.regions import RegionDepth, RegionError, depth_of_regions
+from pipeline.geometry.regions import Region, RegionDepth, RegionError, depth_of_regions
 from pipeline.geometry.visibility import COINCIDENT, seen_along, visible
 from pipeline.imaging.depth_file import read_depth, read_labels
 from pipeline.paths import Build, inside
@@ -32,6 +32,8 @@ from pipeline.scene.placed import placed
 
 #: Longer side [pixel] at which is worked out what hides what, and how far regions are.
 VIEW = 256
+#: Minimisations of a sun's direction: while somebody draws, few must do.
+STARTS = 2
 #: So many broken regions are told at once.
 MOST_BROKEN = 20
 #: A lamp may lie so far [share of its distance] behind what is seen there and count as seen.
@@ -90,8 +92,9 @@ class Placing:
         if parts.depth is not None:
             world.planes["ground"] = Plane.across("y", 0.0)
             key = (*key, parts.depth.model_dump_json(), self._stamps(parts.depth))
-            result.regions, found = self._once("regions", key, lambda: self._regions(parts.depth, camera, result.view))
+            result.regions, found, left_out = self._once("regions", key, lambda: self._regions(parts.depth, camera, result.view))
             problems += found
+            result.left_out |= left_out
             if result.regions is not None:
                 for region in result.regions.regions:
                     for k, plane in enumerate(region.planes):
@@ -174,8 +177,10 @@ class Placing:
         problems += _hidden(place, light, one, result)
         if is_sun(one):
             settings = parts.sun_direction
+            if hasattr(settings, "starts"):
+                settings = settings.model_copy(update={"starts": min(settings.starts, STARTS)})
             try:
-                found = self._once(("sun", name), (key, settings and settings.model_dump_json()),
+                found = self._once(("sun", name), (_key(world.camera), one.model_dump_json(), settings and settings.model_dump_json()),
                                    lambda: described_sun(name, one, world.camera, settings, resamples=0))
             except InputError as error:
                 problems.append(Problem.of(error, _sun_place(error, stated_at(name, light, settings), light)))
@@ -202,9 +207,11 @@ class Placing:
     def _stamps(self, depth: DepthSection) -> list:
         return [stamp(self.build.source / name) for name in depth.files()]
 
-    def _regions(self, depth: DepthSection, camera: Camera, view: Camera) -> tuple[RegionDepth | None, list[Problem]]:
-        """Regions as the view sees them, without those that are broken."""
+    def _regions(self, depth: DepthSection, camera: Camera, view: Camera
+                 ) -> tuple[RegionDepth | None, list[Problem], set[Place]]:
+        """Regions as the view sees them, without those that are broken, and which these are."""
         problems: list[Problem] = []
+        left_out: set[Place] = set()
         section: DepthSection = scaled(depth, view.width / camera.width)
         at: Place = ("depth",)
         try:
@@ -215,9 +222,9 @@ class Placing:
                 known = read_depth(inside(self.build, settings.pop("file")), view, **settings)
             at = ("depth", "labels") if section.labels else ("depth",)
             messages: list[str] = []
-            regions = described_regions(self.build, view, section, messages, self.labels)
+            regions = self.described(section, view, messages)
         except InputError as error:
-            return None, [Problem.of(error, at)]
+            return None, [Problem.of(error, at)], left_out
         problems += [Problem(("depth",), message, "check the painted picture", "warning") for message in messages]
         for _ in range(MOST_BROKEN):
             try:
@@ -226,15 +233,20 @@ class Placing:
                 name = error.region.split(":")[0]
                 problems.append(Problem.of(error, ("depth", "regions", name) if name in depth.regions else ("depth", "labels")))
                 regions = [one for one in regions if one.name != error.region]
+                left_out.add(("depth", "regions", name))
             except InputError as error:
                 # what is not covered because a region is broken is no mistake of its own
                 problems += [Problem.of(error, ("depth", "regions"), "warning")] if not problems else []
-                return None, problems
+                return None, problems, left_out
             else:
                 problems += [Problem(_region_place(message, depth), message, "check it", "warning")
                              for message in found.messages]
-                return found, problems
-        return None, problems
+                return found, problems, left_out
+        return None, problems, left_out
+
+    def described(self, section: DepthSection, view: Camera, messages: list[str] | None = None) -> list[Region]:
+        """What is drawn and painted, in the view's pixels, in which the section is; notes are added to `messages`."""
+        return described_regions(self.build, view, section, [] if messages is None else messages, self.labels)
 
     def labels(self, path: Path, width: int, height: int, colours: list[str]) -> np.ndarray:
         """`read_labels`, once as long as the file is the same."""

@@ -7,7 +7,6 @@ import copy
 import functools
 import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 from pydantic import TypeAdapter, ValidationError
@@ -134,11 +133,3 @@ def _is_open(place: Place, message: str) -> bool:
     """Whether a mistake is that something was not drawn yet."""
     return place == ("camera",) and message.endswith("no scale") or message.endswith(
         ("neither 'shapes' nor 'depth' is there", "nothing says how far anything is"))
-
-
-def place_in(error: InputError, file: Path, keys: dict[int, Place]) -> Place | None:
-    """Keys of where an error stands, by its FILE:LINE and the keys of that file's lines; None where it stands elsewhere."""
-    match = re.fullmatch(r"(.*):(\d+)", error.place or "")
-    if match and Path(match[1]) == file:
-        return keys.get(int(match[2]), ())
-    return () if error.place and Path(error.place) == file else None

@@ -31,6 +31,12 @@ class EstimationMaps:
     annotated: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
 
+def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
+    """Width and height of maps of these, at no more than `max_side` pixels a side."""
+    scale = min(1.0, max_side / max(height, width))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
 def reduce_for_estimation(maps: EstimationMaps, max_side: int = 160) -> EstimationMaps:
     """The same maps at no more than `max_side` pixels a side.
 
@@ -38,10 +44,9 @@ def reduce_for_estimation(maps: EstimationMaps, max_side: int = 160) -> Estimati
     emitter if any does, is annotated if more than half is; faces are taken from the nearest pixel.
     """
     height, width = maps.surface.shape
-    scale = max_side / max(height, width)
-    if scale >= 1:
+    size = reduced_size(width, height, max_side)
+    if size == (width, height):
         return maps
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
 
     def mean(image):
         return cv2.resize(np.ascontiguousarray(image, np.float32), size, interpolation=cv2.INTER_AREA)

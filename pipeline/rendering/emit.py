@@ -52,6 +52,23 @@ class Run:
     options: dict[str, Any] = field(default_factory=dict)
 
 
+class _Compiled(jinja2.BytecodeCache):
+    """What templates compile to, by their text, for as long as we run: that takes longer than to fill them in."""
+
+    def __init__(self):
+        self.known: dict[tuple[str, str], bytes] = {}
+
+    def load_bytecode(self, bucket):
+        if (code := self.known.get((bucket.key, bucket.checksum))) is not None:
+            bucket.bytecode_from_string(code)
+
+    def dump_bytecode(self, bucket):
+        self.known[bucket.key, bucket.checksum] = bucket.bytecode_to_string()
+
+
+_COMPILED = _Compiled()
+
+
 class Templates:
     """Looks templates up: the scene's folder, the project's, then those beside plugins from outside."""
 
@@ -65,7 +82,7 @@ class Templates:
             block_start_string="<%", block_end_string="%>", variable_start_string="<<",
             variable_end_string=">>",
             comment_start_string="<#", comment_end_string="#>", trim_blocks=True, lstrip_blocks=True,
-            keep_trailing_newline=True)
+            keep_trailing_newline=True, bytecode_cache=_COMPILED)
         self.environment.filters["vector"] = _vector
 
     def path_of(self, name: str) -> Path:

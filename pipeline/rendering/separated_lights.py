@@ -16,6 +16,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.estimation.intensities import (
     EstimationMaps, IntensityFit, estimate_intensities, reduce_for_estimation)
+from pipeline.estimation.observations import reduced_size
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
@@ -27,23 +28,21 @@ from pipeline.scene.placed import PlacedScene
 
 #: Darker than this is not believed of a whole face, and light bounces off it for the estimate's sake.
 ALBEDO_RANGE = (0.05, 0.95)
-#: Rays that gather bounced light, in the last round and in those before, of which only albedos go on. Four times as
-#: many take four times as long and change no strength in bathroom by more than 3 %.
-RAYS, ROUGH_RAYS = 60, 30
 
 
-def separated(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates
-              ) -> tuple[IntensityFit, dict[int, np.ndarray]]:
+def separated(build: Build, scene: PlacedScene, settings, given: dict, templates: Templates,
+              begun: dict[str, list[float]] | None = None) -> tuple[IntensityFit, dict[int, np.ndarray]]:
+    """The fit, and the albedo (3,) of each face.
+
+    begun: albedos (3,) by SHAPE.FACE from which the first round's bounced light starts, instead of the default.
+    """
     names = sources(scene)
     maps, measured, at_least = _observations(build, scene, settings)
-    height, width = maps.surface.shape
-    small = scene.camera.resized(width, height)
-    small_scene = replace(scene, camera=small)
-    stated = _stated_albedos(scene)
-    albedos = {i: stated.get(i, np.full(3, settings.default_albedo)) for i in range(len(scene.faces()))}
+    scene = at_estimate_size(scene, settings)
+    stated, albedos = _stated_albedos(scene), first_albedos(scene, settings, begun)
     fit = None
     for turn in range(settings.rounds):
-        basis = _bounces(build, small_scene, names, turn, albedos, maps.surface, settings, templates)
+        basis = _bounces(build, scene, turn, albedos, maps.surface, settings, templates)
         fit = estimate_intensities(
             replace(maps, basis=basis), names,
             given={names.index(name): value for name, value in given.items() if name in names},
@@ -113,16 +112,39 @@ def _observations(build: Build, scene: PlacedScene, settings):
     return replace(maps, photograph=maps.photograph.astype(float), annotated=kept), measured, at_least
 
 
-def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, albedos: dict[int, np.ndarray],
-             surface: np.ndarray, settings, templates: Templates) -> np.ndarray:
-    """Irradiance/pi (L, h, w, 3) of each light at unit strength, interreflection included."""
-    listed = [albedos[i].tolist() for i in range(len(albedos))]
-    rays = RAYS if turn == settings.rounds - 1 else ROUGH_RAYS
-    of_face = np.array([*listed, [1.0, 1.0, 1.0]])[surface]
-    runs = [Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
+def first_albedos(scene: PlacedScene, settings, begun: dict[str, list[float]] | None = None) -> dict[int, np.ndarray]:
+    """Albedo (3,) of each face from which the first round starts."""
+    stated, guessed = _stated_albedos(scene), {name: np.asarray(one, float) for name, one in (begun or {}).items()}
+    return {i: stated.get(i, guessed.get(name, np.full(3, settings.default_albedo)))
+            for i, (name, _) in enumerate(scene.faces())}
+
+
+def at_estimate_size(scene: PlacedScene, settings) -> PlacedScene:
+    camera = scene.camera
+    return replace(scene, camera=camera.resized(*reduced_size(camera.width, camera.height, settings.size)))
+
+
+def bounce_runs(scene: PlacedScene, settings, turn: int) -> list[Run]:
+    """Renders of each light alone with interreflection, of one round; scene: of the estimate's size."""
+    rays = settings.rays if turn == settings.rounds - 1 else max(1, settings.rays // 2)
+    return [Run(f"bounce_{light}_{turn + 1}", "bounce", [light], scene.camera.width, scene.camera.height,
                 irradiance_run(scene, light).exposure, options={"bounces": settings.bounces, "rays": rays})
-            for light in lights]
-    jobs = [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
+            for light in sources(scene)]
+
+
+def bounce_jobs(build: Build, scene: PlacedScene, runs: list[Run], albedos: dict[int, np.ndarray], templates: Templates
+                ) -> list[tuple[Path, Path, int, int]]:
+    """What to render of these runs, their .pov files written."""
+    listed = [albedos[i].tolist() for i in range(len(albedos))]
+    return [_written(build, run, emit(run, scene, templates, albedos=listed)) for run in runs]
+
+
+def _bounces(build: Build, scene: PlacedScene, turn: int, albedos: dict[int, np.ndarray], surface: np.ndarray, settings,
+             templates: Templates) -> np.ndarray:
+    """Irradiance/pi (L, h, w, 3) of each light at unit strength, interreflection included."""
+    of_face = np.array([*(albedos[i].tolist() for i in range(len(albedos))), [1.0, 1.0, 1.0]])[surface]
+    runs = bounce_runs(scene, settings, turn)
+    jobs = bounce_jobs(build, scene, runs, albedos, templates)
     limits = _limits(build)
     for run, seconds in zip(runs, povray.render_side_by_side(jobs, at_once=limits["threads"], timeout=limits["timeout"])):
         _tell(run, seconds)
@@ -130,10 +152,14 @@ def _bounces(build: Build, scene: PlacedScene, lights: list[str], turn: int, alb
     return np.stack(reflected) / np.maximum(of_face, 1e-3)
 
 
-def render(build: Build, runs: list[Run], texts: list[str]) -> None:
+def irradiance_jobs(build: Build, scene: PlacedScene, runs: list[Run], templates: Templates) -> list[tuple[Path, Path, int, int]]:
+    """The same of direct light."""
+    return [_written(build, run, emit(run, scene, templates)) for run in runs]
+
+
+def render(build: Build, scene: PlacedScene, runs: list[Run], templates: Templates) -> None:
     """Renders of direct light."""
-    limits = _limits(build)
-    povray.render_together([_written(build, run, text) for run, text in zip(runs, texts)], **limits,
+    povray.render_together(irradiance_jobs(build, scene, runs, templates), **_limits(build),
                            told=lambda index, seconds: _tell(runs[index], seconds))
 
 

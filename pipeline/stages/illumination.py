@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.rendering.daylight import daylight
-from pipeline.rendering.emit import Templates, emit
+from pipeline.rendering.emit import Templates
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
 from pipeline.rendering.work import refuse_too_much
@@ -38,7 +38,7 @@ def run(build: Build) -> None:
         refuse_too_much(scene, wanted, read_json(build.input("render"))["max_light_samples"])
     except InputError as error:
         raise error.at(scene_place(build, "render")) from None
-    render(build, wanted, [emit(planned, scene, templates) for planned in wanted])
+    render(build, scene, wanted, templates)
     runs = {planned.id: as_json(planned) for planned in wanted}
     for old in build.basis.glob("irradiance_*"):
         if old.stem not in runs:
@@ -147,7 +147,8 @@ def _by_separation(build: Build, scene: PlacedScene, settings, given: dict, temp
             raise InputError(f"{settings.type} cannot estimate {name}, a light of type {scene.lights[name].type}",
                              remedy=f"give it a '{scene.lights[name].strength_name}', or choose illumination"
                                     " type liu_xing")
-    fit, faces = separated(build, scene, settings, {n: s for n, s in given.items() if n in names}, templates)
+    begun = read_json(build.albedos_begun) if build.albedos_begun.exists() else None
+    fit, faces = separated(build, scene, settings, {n: s for n, s in given.items() if n in names}, templates, begun)
     # an error without bound is none that JSON can hold
     error = np.where(np.isfinite(fit.standard_error), fit.standard_error, None)
     lights = {name: {"strength": fit.intensity[i].tolist(), "standard_error": error[i],

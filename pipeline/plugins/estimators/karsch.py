@@ -36,3 +36,7 @@ class Karsch(Estimator):
                              description="depth of interreflection; 0 is direct light only")
     rounds: int = parameter(2, "1", ge=1, le=6,
                             description="times that albedo and interreflection are refined")
+    rays: int = parameter(60, "1", ge=1, le=1600,
+                          description="that gather bounced light at each point, half as many in rounds before the last; four"
+                                      " times as many take four times as long and change no strength in bathroom by more"
+                                      " than 3 %")
