@@ -316,10 +316,12 @@ def test_values_are_checked_as_the_scene_file_is(tab):
 def test_sliders_try_and_then_set(tab):
     tab.loop.turn(delayed=True)
     tab.do("slide", name="visibility", value=500)
-    assert tab.desk.preview.asked[-1] == ({"visibility": 100.0}, None)
+    fog, gains = tab.desk.preview.asked[-1]
+    assert (fog["visibility"], fog["g"], gains["sun"]) == (100.0, 0.25, 1.0), "the rest is the scene's"
     assert tab.data["fog"]["visibility"] == 12
     tab.do("slide", name="gain sun", value=0)
-    assert tab.desk.preview.asked[-1] == ({"visibility": 100.0}, {"sun": 0.0})
+    fog, gains = tab.desk.preview.asked[-1]
+    assert (fog["visibility"], gains["sun"], gains["sky"]) == (100.0, 0.0, 1.0)
     tab.do("slid", name="visibility", value=500)
     assert tab.data["fog"]["visibility"] == 100
 

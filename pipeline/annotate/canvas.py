@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from bokeh.core.properties import value
+from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.models import (
     ColumnDataSource, ImageURL, MultiLine, Patches, PanTool, Plot, PointDrawTool, Range1d, Scatter, Text, WheelZoomTool)
 
@@ -17,6 +18,8 @@ from pipeline.annotate.things import COLOURS, Thing
 
 #: How close to something a click must be [CSS pixel]; a finger needs more.
 REACH = 12
+#: Width of the picture on a screen, until the browser tells it [CSS pixel].
+USUAL = 900
 CHOSEN, TROUBLE = "#ffffff", "#ff5c5c"
 
 
@@ -71,6 +74,7 @@ class Picture:
         data: dict[str, list] = {key: [] for key in self.outlines.data}
         labels: dict[str, list] = {key: [] for key in self.labels.data}
         spots: dict[str, list] = {"x": [], "y": [], "colour": []}
+        across = self.reach() / REACH
         for one in things:
             if not one.points or (chosen is not None and one.place == chosen.place):
                 continue
@@ -84,7 +88,10 @@ class Picture:
                 _append(data, xs=xs, ys=ys, colour=colour, wide=2.4 if bad else 1.6, fill=0.10 if one.closed else 0.0)
             if one.form != "line" or bad:
                 x, y = min(one.points, key=lambda p: p[1])
-                _append(labels, x=x, y=y, text=one.label, colour=colour)
+                # of names that would lie upon one another the first is shown
+                if bad or not any(abs(x - u) < 8 * len(one.label) * across and abs(y - v) < 18 * across
+                                  for u, v in zip(labels["x"], labels["y"])):
+                    _append(labels, x=x, y=y, text=one.label, colour=colour)
         self._set(self.outlines, data)
         self._set(self.labels, labels)
         self._spots = spots
@@ -155,7 +162,10 @@ class Picture:
     # ---- where a click is ----------------------------------------------------------------------
     def reach(self, touch: bool = False) -> float:
         """How close to something a click must be, in the photograph's pixels at this zoom."""
-        across = self.plot.inner_width or 800
+        try:
+            across = self.plot.inner_width or USUAL
+        except UnsetValueError:  # the browser has not said yet
+            across = USUAL
         return abs(self.plot.x_range.end - self.plot.x_range.start) / across * REACH * (2 if touch else 1)
 
     def middle(self) -> tuple[float, float]:

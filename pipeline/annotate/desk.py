@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pipeline.annotate.fog_sliders import stated
 from pipeline.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -77,7 +78,7 @@ class Desk:
         self.fault = ""
         self.conflict = False
         self.estimating = False
-        self.tried: tuple[dict, dict] = ({}, {})
+        self.tried: tuple[dict, dict] = stated(document.data)
         self.pages: list = []
         self.pen: Any = None
         self.render: Any = None
@@ -129,14 +130,15 @@ class Desk:
         """After every change of the document, undo and redo among them."""
         self.version += 1
         version = self.version
-        self.tried = ({}, {})
         self._recompute()
         self.later(SAVE_AFTER, lambda: self.save() if version == self.version else None)
         self.tell("document", "state")
 
     def _recompute(self) -> None:
-        version = self.version
-        self._geometry.give(self.document.data)
+        version, data = self.version, self.document.data
+        self._geometry.give(data)
+        if self.picture is not None and stated(data) != self.tried:
+            self.show_fog(*stated(data))  # at once, from the maps that are there; exact ones follow
         self.later(ESTIMATE_AFTER, lambda: self._estimate_now() if version == self.version else None)
 
     def _estimate_now(self) -> None:
@@ -209,8 +211,8 @@ class Desk:
             return  # stopped for a newer one, which follows
         self.estimating = False
         if error is None:
-            self.estimate_problems = problems
-            self.show_fog(*self.tried)
+            self.estimate_problems = [one for one in problems if one not in self.geometry_problems]
+            self.show_fog(*stated(self.document.data))
         else:
             self.fault = str(error)
         self.tell("shown", "state")

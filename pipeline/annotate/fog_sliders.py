@@ -94,3 +94,15 @@ def sliders(data: dict) -> list[Slider]:
     for name, light in group(data, "lights").items():
         made.append(Slider(f"gain {name}", name, ("lights", name, "gain"), _number(at(light, ("gain",)), 1.0), 0.0, 3.0, gain=name))
     return made
+
+
+def stated(data: dict) -> tuple[dict[str, Any], dict[str, float]]:
+    """The fog's values and the lights' gains of the scene itself, as the preview takes them."""
+    fog, gains = {}, {}
+    for slider in sliders(data):
+        slider.tries(slider.value, fog, gains)
+    if "albedo" in fog:
+        fog["albedo"] = at(data, ("fog", "single_scattering_albedo"), 1.0)
+    if at(data, ("fog", "type")) == "homogeneous":
+        fog["height"] = None
+    return fog, gains

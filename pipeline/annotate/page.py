@@ -428,8 +428,7 @@ class Page:
 
     def fields(self):
         owner = self.owner()
-        known = getattr(self.desk.preview, "planes", None)
-        return fields(self.data, owner, known() if known is not None else panels.planes(self.data)) if owner else []
+        return fields(self.data, owner, panels.planes_of(self)) if owner else []
 
     def owner(self) -> Place | None:
         thing = self.thing()
