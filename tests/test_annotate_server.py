@@ -7,12 +7,10 @@ import http.client
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -23,7 +21,6 @@ from pipeline.annotate.document import SceneDocument  # noqa: E402
 from pipeline.annotate.studio import Studio  # noqa: E402
 from pipeline.annotate.page import Page  # noqa: E402
 from pipeline.annotate.server import ADDRESS, Server  # noqa: E402
-from pipeline.errors import InputError  # noqa: E402
 from tests.annotate_fixture import PROJECT, Loop, StillPreview, scenes_with  # noqa: E402
 
 TOKEN = "the-token"

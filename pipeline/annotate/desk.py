@@ -95,7 +95,7 @@ class Desk:
     def join(self, page) -> None:
         """The first page may write; where the one that may is gone from the screen, the next."""
         self.pages.append(page)
-        if self.pen is None or not self.pen.on_screen():
+        if self.pen is None or not self.pen.present():
             self.give_pen(page)
 
     def leave(self, page) -> None:

@@ -32,7 +32,6 @@ from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.routing import Router
 
 from pipeline.annotate.desk import LOOK_EVERY
-from pipeline.annotate.html import page_template
 from pipeline.annotate.studio import Studio
 from pipeline.annotate.uploads import MOST_BYTES, Upload
 from pipeline.errors import InputError

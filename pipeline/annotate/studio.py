@@ -59,7 +59,7 @@ class Studio:
             return
         doc.title = f"{name}: annotate"
         doc.template_variables.update(scene=name, refused="", width=desk.size[0], height=desk.size[1])
-        page = Page(desk, doc, lambda: _on_screen(context), self)
+        page = Page(desk, doc, lambda: _on_screen(context))
         doc.on_session_destroyed(lambda _: page.leave())
 
     def picture(self, scene: str, name: str) -> bytes | None:
