@@ -20,7 +20,7 @@ PROJECT = Path(__file__).parents[1]
 CHROMIUM = shutil.which(os.environ.get("CHROMIUM", "chromium")) or shutil.which("google-chrome")
 DESKTOP, NARROW = {"width": 1440, "height": 900}, {"width": 420, "height": 860}
 #: Seconds for what takes a moment on a free machine and long on a busy one.
-PATIENCE = 120
+PATIENCE = 60
 
 
 class Served:

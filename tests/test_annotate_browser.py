@@ -155,9 +155,7 @@ def test_drawn_by_keys_alone(serve, visit, tmp_path):
     person.page.focus("#stage")
     person.keys("k", "n", "n", "n")
     person.until("() => Bokeh.documents[0].get_model_by_name('handles').data.x.length === 3")
-    person.keys("]", "Shift+ArrowUp", "Shift+ArrowUp")
-    person.page.wait_for_timeout(400)
-    person.keys("Enter")
+    person.keys("]", "Shift+ArrowUp", "Shift+ArrowUp", "Enter")
     drawn = person.saved(lambda data: len(data["illumination"]["albedos"]) == 3)["illumination"]["albedos"][2]["pixels"]
     assert len(drawn) == 3 and drawn[0][1] == pytest.approx(drawn[1][1] - 20, abs=0.2)
 
@@ -169,7 +167,7 @@ def test_the_wheel_zooms_and_a_drag_beside_points_moves_the_view(serve, visit, t
     centre = person.where(256, 256)
     far = np.subtract(person.where(356, 256), centre)[0]
     person.page.mouse.move(*centre)
-    person.page.mouse.wheel(0, -400)
+    person.page.mouse.wheel(0, -240)
     person.until(f"() => window.annotate.where(356, 256)[0] - window.annotate.where(256, 256)[0] > {far * 1.3}")
     assert np.allclose(person.where(256, 256), centre, atol=3), "about the pointer"
     person.drag((256, 256), (300, 256))

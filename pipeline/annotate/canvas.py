@@ -62,7 +62,7 @@ class Picture:
                                                line_color=CHOSEN, line_width=2))
         add(self.names, Text(x="x", y="y", text="text", text_color="#ffffff", text_font_size="12px", x_offset=11, y_offset=-8, **plate))
         self.move = PointDrawTool(renderers=[drawn], add=False, name="move")
-        self.pan, self.zoom = PanTool(name="pan"), WheelZoomTool(name="zoom", zoom_on_axis=False, speed=1 / 400)
+        self.pan, self.zoom = PanTool(name="pan"), WheelZoomTool(name="zoom", zoom_on_axis=False, speed=1 / 800)
         self.plot.add_tools(self.move, self.pan, self.zoom)
         self.plot.toolbar.active_scroll = self.zoom
         self.plot.toolbar.active_drag = self.pan

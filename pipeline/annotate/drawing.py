@@ -275,10 +275,3 @@ class Drawing:
             x, y = self.draft[-1][0] + 4 * self.picture.reach(), self.draft[-1][1]
         if self.adding is not None or self.corner is not None:
             self.tapped(x, y)
-
-    def on_point(self, command) -> None:
-        """The next or the previous point."""
-        count = len(self.draft) if self.adding is not None else len(self.thing().points) if self.thing() else 0
-        if count:
-            step = -1 if command.get("by") == -1 else 1
-            self.point = (self.point + step) % count if self.point is not None else (0 if step == 1 else count - 1)

@@ -162,10 +162,15 @@ function settle() {
   if (moved === null) return;
   clearTimeout(moved);
   moved = null;
-  model.handles.data = { x: Array.from(model.handles.data.x), y: Array.from(model.handles.data.y) };
+  // the data were changed in place, so that Bokeh sees no difference by itself
+  model.handles.setv({ data: { x: Array.from(model.handles.data.x), y: Array.from(model.handles.data.y) } }, { check_eq: false });
+}
+function nextPoint(by) {
+  const many = model.handles.data.x.length, [index] = model.handles.selected.indices;
+  if (many) model.handles.selected.indices = [index === undefined ? (by > 0 ? 0 : many - 1) : (index + by + many) % many];
 }
 const KEYS = { Enter: { do: "finish" }, Escape: { do: "cancel" }, Delete: { do: "delete" }, Backspace: { do: "delete" }, n: { do: "here" },
-  i: { do: "insert" }, "[": { do: "point", by: -1 }, "]": { do: "point", by: 1 }, ",": { do: "walk", by: -1 }, ".": { do: "walk", by: 1 } };
+  i: { do: "insert" }, ",": { do: "walk", by: -1 }, ".": { do: "walk", by: 1 } };
 document.addEventListener("keydown", (event) => {
   if (!model || event.target.closest("input:not([type=range]), select, textarea, dialog[open]")) return;
   const key = event.key, low = key.length === 1 ? key.toLowerCase() : key;
@@ -182,6 +187,7 @@ document.addEventListener("keydown", (event) => {
   else if (key === "-" || key === "−") zoomBy("out");
   else if (key === "0") fit();
   else if (key === "?") $("help").showModal();
+  else if (key === "[" || key === "]") nextPoint(key === "]" ? 1 : -1);
   else if (low === "v") send({ do: "view", value: model.wire.view === "clear" ? "fog" : "clear" });
   else if (key === " ") { held = true; showPicture(); event.preventDefault(); }
   else if (KEYS[low]) { settle(); send(KEYS[low]); event.preventDefault(); }
