@@ -119,6 +119,7 @@ class Person:
             self.option("plane", plane)
         self.click(*points)
         self.keys("Enter")
+        self.until("() => document.querySelector('#add .on[data-do=add]') === null")
 
     def field(self, label: str, value: str) -> None:
         """Types a value into the field of that name among the chosen thing's."""

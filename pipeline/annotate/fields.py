@@ -115,8 +115,11 @@ def fields(data: dict, owner: Place, planes: list[str]) -> list[Field]:
             found.append(made)
         elif key in ("outline", "position", "window") and isinstance(at(data, place), dict):
             found += [one for one in fields(data, place, planes) if one.place[-1] in ("on", "offset", "depth")]
-        elif key == "phase_function":
+        elif key == "phase_function" and isinstance(at(data, place), dict):
             found += fields(data, place, planes)
+        elif key == "phase_function":
+            found.append(Field((*place, "asymmetry"), "asymmetry", "number", None, 0.6, hint="mean cosine g; > 0 scatters forward",
+                               least=-0.999, most=0.999))
         elif key == "known_length" and isinstance(at(data, place), dict):
             found += [one for one in fields(data, place, planes) if one.place[-1] == "length"]
     return found

@@ -170,6 +170,8 @@ class Page(Drawing):
         with self.desk.changing(self) as document:
             if place == ("fog", "type"):
                 document.set(("fog",), fog_of_kind(at(self.data, ("fog",), {}), value or "homogeneous"))
+            elif place[-1] == "asymmetry" and at(self.data, place[:-1]) is None:
+                document.set(place[:-1], {"type": "henyey_greenstein", "asymmetry": value})
             elif value is None:
                 document.remove(place)
             else:
