@@ -135,7 +135,9 @@ class Person:
 
     def choose(self, text: str) -> None:
         """By its name in the list."""
-        self.page.locator("#things button", has_text=re.compile(rf"^\s*{re.escape(text)}")).first.click()
+        button = self.page.locator("#things button", has_text=re.compile(rf"^\s*{re.escape(text)}")).first
+        button.click()
+        self.until(lambda: "on" in (button.get_attribute("class") or "").split())
 
     def saved(self, condition) -> dict:
         """The scene file, once it holds what is expected."""

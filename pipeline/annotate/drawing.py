@@ -86,7 +86,7 @@ class Drawing:
 
     def double_tapped(self, x: float, y: float) -> None:
         """Bokeh says it of two quick clicks wherever they were: at two places they are two clicks."""
-        if self.last_tap is None or math.hypot(self.last_tap[0] - x, self.last_tap[1] - y) > self.picture.reach():
+        if self.last_tap is None or math.hypot(self.last_tap[0] - x, self.last_tap[1] - y) > self.picture.reach() / 3:
             self.tapped(x, y)
             return
         if self.adding is not None:
@@ -185,7 +185,7 @@ class Drawing:
             return
         if len(self.draft) < kind.first:
             raise InputError(f"{kind.title}: {len(self.draft)} of {kind.first} points", remedy="click more, or press Esc")
-        points = [[round(x, 1), round(y, 1)] for x, y in self.draft]
+        points = [[round(x, 1) + 0.0, round(y, 1) + 0.0] for x, y in self.draft]  # + 0.0: no -0.0
         if kind.option == "plane" and not self.options.get("plane"):
             seen = self._plane_under(points)
             if seen is not None:

@@ -55,7 +55,7 @@ class Thing:
 
     def value(self, points, names=None) -> Any:
         """What stands at `place` for these points."""
-        rounded = [[round(float(u), 1), round(float(v), 1)] for u, v in points]
+        rounded = [[round(float(u), 1) + 0.0, round(float(v), 1) + 0.0] for u, v in points]  # + 0.0: no -0.0
         if self.form == "corners":
             return dict(zip(self.names if names is None else names, rounded))
         return rounded[0] if self.form == "point" else rounded
