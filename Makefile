@@ -5,6 +5,7 @@
 #   make scene=bathroom fog.visibility=3     any value of the scene file overridden
 #   make ladder scene=pagoda                 its named fogs side by side, in build/pagoda/ladder.png
 #   make match scene=building reference=foggy.jpg   its fog as in that photograph of the same view
+#   make annotate scene=mine photo=IMG.jpg   a page that annotates a photograph and shows its fog
 #   make test                                the tests
 #   make help                                all targets and variables
 #
@@ -43,6 +44,8 @@ budget ?=
 study ?=
 answers ?=
 simulate ?=
+photo ?=
+port ?= 0
 PYTHON ?= python3
 SCENES ?= scenes
 BUILD ?= build
@@ -50,7 +53,7 @@ BUILD ?= build
 # ---- scene, fog and overrides ------------------------------------------------------------------
 # Names become targets and prerequisites, in which Make would expand $(...): nothing but $(value) touches them
 # before they are known to be plain.
-unexport scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate
+unexport scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate photo port
 define newline
 
 
@@ -99,6 +102,7 @@ $(eval $(call check_number,cases))
 $(eval $(call check_number,seed))
 $(eval $(call check_number,repeats))
 $(eval $(call check_number,simulate))
+$(eval $(call check_number,port))
 $(if $(value study),$(eval $(call check_folder,study)))
 $(if $(value answers),$(eval $(call check_folder,answers)))
 $(eval $(call check_folder,SCENES))
@@ -107,7 +111,7 @@ $(eval $(call check_folder,BUILD))
 # every variable on the command line whose name has a dot overrides that value of the scene; groups come first
 stated := $(sort $(foreach v,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $v))),$v)))
 dotted := $(strip $(foreach v,$(stated),$(if $(findstring .,$v),$v)))
-known := scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
+known := scene fog fogs cases seed repeats to reference reference_scene fit file replace quality tolerance budget study answers simulate photo port SCENES BUILD PYTHON POVRAY SHELL MAKEFLAGS
 strange := $(firstword $(filter-out $(known) $(dotted),$(stated)))
 ifneq ($(strange),)
   $(error no variable is called '$(strange)': use scene, fog, fogs, a value of the scene by its path such as fog.visibility=3, or see `make help`)
@@ -128,6 +132,8 @@ export FOG_SIMULATE := $(value simulate)
 export FOG_REFERENCE := $(value reference)
 export FOG_REFERENCE_SCENE := $(value reference_scene)
 export FOG_FIT := $(value fit)
+export FOG_PHOTO := $(value photo)
+export FOG_PORT := $(value port)
 export FOG_FILE := $(value file)
 export FOG_REPLACE := $(value replace)
 export FOG_SCENES := $(SCENES)
@@ -136,7 +142,7 @@ export FOG_BUILD := $(BUILD)
 .DEFAULT_GOAL := $(if $(scene),all,help)
 goals := $(or $(MAKECMDGOALS),$(.DEFAULT_GOAL))
 ifeq ($(scene),)
-  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations photograph truth study-truth,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
+  ifneq ($(filter all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations photograph truth study-truth annotate,$(goals))$(fog)$(fogs)$(if $(filter study study-results,$(goals)),,$(dotted)),)
     $(error no scene is named: $(strip make $(MAKECMDGOALS) scene=bathroom))
   endif
 endif
@@ -155,6 +161,11 @@ ifeq ($(MAKELEVEL),0)
     $(foreach v,reference reference_scene fit,$(if $(value $v),$(error $v= is for a match: make match scene=$(scene) reference=foggy.jpg)))
   else
     $(if $(value reference),,$(error no photograph in fog is named: make match scene=$(scene) reference=foggy.jpg))
+  endif
+  ifeq ($(filter annotate,$(goals)),)
+    $(if $(value photo)$(filter-out 0,$(value port)),$(error photo= and port= are for the page: make annotate scene=$(or $(scene),mine) photo=IMG.jpg))
+  else
+    $(if $(fog)$(dotted),$(error the page changes the scene file itself: leave out $(if $(fog),fog=$(fog),$(firstword $(dotted))=...)))
   endif
   ifeq ($(filter import-annotations export-annotations,$(goals)),)
     $(foreach v,file replace,$(if $(value $v),$(error $v= is for annotations: make import-annotations scene=$(scene) file=annotations.json)))
@@ -203,7 +214,7 @@ $(READY): pipeline/requirements.lock
 	$(PY) $(pip_install) -r $< || refuse "the packages of $< could not be installed; see above, and run make again"
 	@touch $@
 
-.PHONY: povray setup setup-mitsuba setup-figures setup-browser setup-compare
+.PHONY: povray setup setup-mitsuba setup-figures setup-browser setup-compare setup-annotate
 povray:
 	@$(call system_package,POV-Ray,POVRAY,povray,povray)
 
@@ -218,6 +229,13 @@ FIGURES_READY := $(VENV)/figures-ready
 setup-figures: $(FIGURES_READY)
 $(FIGURES_READY): pipeline/requirements-figures.lock $(READY)
 	@$(call extra,matplotlib,setup-figures,figures)
+	@touch $@
+
+# only the page that annotates needs a server
+ANNOTATE_READY := $(VENV)/annotate-ready
+setup-annotate: $(ANNOTATE_READY)
+$(ANNOTATE_READY): pipeline/requirements-annotate.lock $(READY)
+	@$(call extra,Bokeh,setup-annotate,annotate)
 	@touch $@
 
 # only what uses a page as people do needs a browser
@@ -257,7 +275,7 @@ fog_templates := templates/in_scattering.pov templates/transmittance.pov povray_
 # what a stage wrote is whole, and stays where one that follows it in the same process fails
 .PRECIOUS: $(addprefix $(O)/,plan.json pov/emitted.json runs/done.json maps.json foggy.png)
 
-.PHONY: all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations calibrate study study-results study-truth truth FORCE
+.PHONY: all resolve closure export crosscheck compare ladder tradeoff match import-annotations export-annotations calibrate study study-results study-truth truth annotate FORCE
 all: $(O)/report.html
 	@echo "done: $(O)/foggy.png, $(O)/report.html"
 
@@ -344,6 +362,10 @@ match: $(READY) | povray
 	@export $(owner); $(MAKE) --no-print-directory scene=$(view) $(BUILD)/$(view)/illumination.json
 	$(run) match
 
+# a person's own page: what it makes by the way is gone when it ends
+annotate: setup $(ANNOTATE_READY)
+	@$(PY) -m pipeline annotate
+
 # a file from another annotation program into the scene file, and back; fSpy's needs the camera as worked out
 import-annotations: $(READY)
 	@$(PY) -m pipeline annotations --import
@@ -410,16 +432,16 @@ study-truth: setup
 	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match bench-preview photos photograph schema plugins digests clean help
+.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match bench-preview bench-annotate photos photograph schema plugins digests clean help
 test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
 test-slow: setup
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2
 
-# the study's page in a real browser; the other tests leave it out where there is none
-test-browser: setup setup-browser setup-figures
-	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 tests/test_study_browser.py
+# the pages of the study and of annotating, in a real browser; the other tests leave them out where there is none
+test-browser: setup setup-browser setup-annotate setup-figures
+	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 tests/test_study_browser.py tests/test_annotate_browser.py
 
 fuzz: setup
 	@OMP_NUM_THREADS=1 $(PY) -m tests.fuzzing --cases $(cases) --seed $(seed)
@@ -441,6 +463,9 @@ bench-match: setup
 
 bench-preview: setup
 	@$(PY) -m tests.benchmarks.preview --repeats $(repeats)
+
+bench-annotate: setup setup-browser setup-annotate
+	@OMP_NUM_THREADS=1 $(PY) -m tests.benchmarks.annotate $(if $(scene),--scene $(scene))
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -485,6 +510,7 @@ help:
 	@echo "  make study-results answers=FOLDER   what people answered: the paper's Fig. 15, with intervals and tests"
 	@echo "  make study-truth scene=building fogs=\"NAME NAME\"   for the study: renders fog into the model of a scene that we made; some minutes a fog"
 	@echo "  make match scene=NAME reference=FILE   the fog of a photograph of the same view, into its scene file; see build/NAME/match/"
+	@echo "  make annotate scene=NAME [photo=FILE]   a page that annotates a photograph and shows its fog at once; photo begins a new scene"
 	@echo "  make import-annotations scene=NAME file=FILE   what was drawn in fSpy, labelme, CVAT or COCO, into the scene file; replace=yes"
 	@echo "  make export-annotations scene=NAME file=FILE   what the scene marks, for labelme; to=fspy: its camera for fSpy"
 	@echo "  make photos              fetches the real demo photographs (sunroom, lobby, pagoda, street, bridge)"
@@ -492,7 +518,7 @@ help:
 	@echo "  make plugins             lists lights, shapes, media, ... with parameters and units"
 	@echo "  make schema              writes scenes/scene.schema.json, for completion in editors"
 	@echo "  make test, test-slow     the tests; with the slow ones"
-	@echo "  make test-browser        the study's page in a browser; installs Playwright and Chromium before"
+	@echo "  make test-browser        the pages of the study and of annotating in a browser; installs Playwright and Chromium before"
 	@echo "  make validation          the paper's Fig. 8, 9, 10: composite against ground truth, into build/validation/; long"
 	@echo "  make fuzz                mutated scenes and pictures: only refusals in one line, or sane results"
 	@echo "  make bench               seconds and errors of maps and fogs, beside Mitsuba 3's where it is installed, into build/bench/bench.md"
@@ -502,10 +528,12 @@ help:
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
 	@echo "  make bench-preview       times the preview that a photograph's annotation shows, at a megapixel, and how far sliders are off"
 	@echo "  make bench-match         whether a match finds fogs that are known, whatever the exposure and white balance"
+	@echo "  make bench-annotate      times the annotation page: a slider, and a change of geometry, to the picture in a browser"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's and the study's figures"
 	@echo "  make setup-browser       installs Playwright and Chromium besides, for test-browser"
+	@echo "  make setup-annotate      installs Bokeh besides, for annotate"
 	@echo "  make setup-compare       installs albumentations, imagecorruptions and euler-preprocess besides, for compare"
 	@echo "  make digests             takes the templates as they are for those that the project carries"
 	@echo "  make clean [scene=NAME [fog=NAME]]   removes results from build/"
@@ -521,6 +549,7 @@ help:
 	@echo "  reference_scene=NAME     the scene that the photograph in fog shows, where that is another one"
 	@echo "  file=FILE replace=yes    annotations to import or export, and that what is there already may be replaced"
 	@echo "  to=NAME fit=visibility,albedo,gains,g   what the matched fog is called (matched), and what is found (all but g)"
+	@echo "  photo=FILE port=8000     the photograph of a new scene, for annotate, and where its page is (a free port)"
 	@echo "  cases=2000 seed=1        how many mutations \`make fuzz\` tries, and which"
 	@echo "  repeats=5                how many rounds \`make bench\` takes the medians of"
 	@echo "  PATH.TO.VALUE=X          overrides any value: fog.visibility=3 lights.sun.gain=0.5 render.samples=48"

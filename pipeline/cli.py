@@ -130,6 +130,13 @@ def _parser() -> argparse.ArgumentParser:
             study.add_argument("--answers", default=os.environ.get("FOG_ANSWERS", ""), help="folder of answer files")
             study.add_argument("--simulate", default=os.environ.get("FOG_SIMULATE", ""), help="so many who guess, instead of answers")
             study.add_argument("--seed", type=int, default=1, help="of those who guess")
+    annotate = commands.add_parser("annotate", help="a page that annotates a photograph and shows its fog")
+    annotate.add_argument("--scene", default=os.environ.get("FOG_SCENE"), help="folder under scenes/, a new one with --photo")
+    annotate.add_argument("--photo", default=os.environ.get("FOG_PHOTO", ""), help="photograph of a new scene")
+    annotate.add_argument("--port", default=os.environ.get("FOG_PORT", "0"), help="of the page; a free one when left out")
+    annotate.add_argument("--no-browser", action="store_true", help="only says where the page is")
+    _folders(annotate)
+    annotate.set_defaults(run=_annotate, fog=None)
     annotations = commands.add_parser(
         "annotations", help="annotations of other programs into a scene, or a scene's into a file",
         description="Imports an fSpy project (.fspy) or its JSON, labelme's or COCO's JSON, or CVAT's XML for images 1.1 into"
@@ -297,6 +304,22 @@ def _figures(options) -> None:
     if options.book:
         book.write(options.scenes, options.build, folder)
         print(f"done: {folder}/figures.html, {folder}/figures.pdf")
+
+
+def _annotate(options) -> None:
+    build = _build(options)
+    if not options.port.isdecimal() or int(options.port[:9]) > 65535:
+        raise InputError(f"port={options.port[:40]}", place="command line", remedy="give a whole number up to 65535, or leave it out")
+    try:
+        import bokeh  # noqa: F401
+    except ModuleNotFoundError:
+        raise InputError("Bokeh, which the page is made with, is not installed", place="this machine", remedy="run: make setup-annotate") from None
+    from pipeline.annotate.new_scene import new_scene
+    from pipeline.annotate.server import serve
+
+    if options.photo:
+        print(f"new: {new_scene(options.scenes, options.scene, Path(options.photo))}")
+    serve(options.scenes, options.build, build.scene, int(options.port), browse=not options.no_browser)
 
 
 def _described_study(options):

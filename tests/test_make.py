@@ -309,6 +309,12 @@ def test_annotations_come_and_go_by_files_of_any_name(fresh):
     assert not touched.exists() and not (PROJECT / touched.name).exists()
 
 
+@pytest.mark.parametrize("words", SHELL_WORDS)
+def test_a_photographs_name_reaches_no_shell(words, fresh):
+    fresh.make("-n", "annotate", "scene=new", f"photo={words.format(fresh.root / 'touched')}")
+    assert not (fresh.root / "touched").exists()
+
+
 def test_names_from_the_environment_are_checked_too(fresh):
     touched = fresh.root / "touched"
     assert "scene name" in refused(fresh.make(scene=f"$(shell touch {touched})"))
@@ -346,6 +352,11 @@ def test_group_is_overridden_before_what_is_in_it(fresh):
     (("import-annotations", "scene=tiny", "file=no.json"), "no.json: no such file"),
     (("import-annotations", "scene=tiny", "file=no.json", "replace=no"), "replace=no; give replace=yes"),
     (("scene=tiny", "POVRAY=no-such-povray"), "no program 'no-such-povray'"),
+    (("annotate",), "no scene is named: make annotate scene=bathroom"),
+    (("scene=tiny", "photo=IMG.jpg"), "photo= and port= are for the page"),
+    (("annotate", "scene=tiny", "port=many"), "port='many'"),
+    (("annotate", "scene=tiny", "fog=thick"), "leave out fog=thick"),
+    (("annotate", "scene=tiny", "fog.visibility=3"), "leave out fog.visibility=..."),
 ])
 def test_other_mistakes(arguments, says, fresh):
     assert says in refused(fresh.make(*arguments))
