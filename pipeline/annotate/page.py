@@ -97,7 +97,8 @@ class Page(Drawing):
         except Exception:
             log.exception("a command failed")
             self.said = "that went wrong; the terminal says more"
-        self.draw({"chosen", "state"})
+        if work != self.on_slide:  # which changes nothing but the picture, and is waited for
+            self.draw({"chosen", "state"})
 
     # ---- commands ------------------------------------------------------------------------------
     def on_choose(self, command) -> None:
@@ -239,6 +240,12 @@ class Page(Drawing):
 
     # ---- what is shown -------------------------------------------------------------------------
     def draw(self, what: set[str]) -> None:
+        if "picture" in what and self.desk.picture is not None:
+            self.wire.picture = self.desk.picture_count
+            if self.desk.picture_count == 1:
+                self.wire.view = "fog"
+        if what == {"picture"}:
+            return
         every, chosen = self.things(), self.thing()
         if self.chosen is not None and at(self.data, self.chosen) is None:
             self.chosen = self.point = None
@@ -249,10 +256,6 @@ class Page(Drawing):
             self.picture.hold(self.draft, closed=False, chosen=self.point)
         else:
             self.picture.hold(chosen.points if chosen else [], chosen.names if chosen else (), bool(chosen and chosen.closed), self.point)
-        if "picture" in what and self.desk.picture is not None:
-            self.wire.picture = self.desk.picture_count
-            if self.desk.picture_count == 1:
-                self.wire.view = "fog"
         rendered = panels.render(self, every, chosen)
         if rendered != self.wire.panels:
             self.wire.panels = rendered
