@@ -79,7 +79,7 @@ def test_new_scene_is_whole_and_says_what_is_still_to_be_drawn(tmp_path):
     document.set(("shapes", "room", "type"), "room")
     document.save()
     assert load_scene(path).camera.horizontal_field_of_view == 65
-    assert "# lines:" in path.read_text()
+    assert "# To be drawn: for the camera" in path.read_text()
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".hidden", "inputs", "a..b", "two words", "x" * 90])
@@ -167,8 +167,8 @@ def test_the_open_air_from_labelme(scene, tmp_path):
     (shape("lihgt:lamp"), r"did you mean 'light'\?"),
     (shape("light"), "'light' needs a name"),
     (shape("light:two words"), "needs a name of letters"),
-    (shape("x"), "'x' is drawn as a outline; draw a line"),
-    (shape("region:a", "line", [(1, 2), (3, 4)]), "drawn as a line; draw a outline"),
+    (shape("x"), "'x' is drawn as an outline; draw a line"),
+    (shape("region:a", "line", [(1, 2), (3, 4)]), "drawn as a line; draw an outline"),
     (shape("region:a:wall"), "of no known class; use one of sky, support, vertical"),
     (shape("room:corner", "point", [(1, 2)]), "names no corner of a room"),
     (shape("window:left"), "does not say in which wall it is; label it window:left@room.left"),
@@ -181,6 +181,8 @@ def test_the_open_air_from_labelme(scene, tmp_path):
     (shape("region:a", points=[(1, 2), (3, 1e9), (1, 4)]), "are no pairs of numbers"),
     (shape("region:a", points=[(1, 2), (3, True), (1, 4)]), "are no pairs of numbers"),
     (shape(""), "polygon has no label"),
+    (shape("x:\x1b[31m\n"), "polygon 'x:\N{REPLACEMENT CHARACTER}"),
+    (shape("region:" + "a" * 300), "longer than 200 characters"),
     ("x", "shape 0 is no shape"),
 ])
 def test_what_cannot_be_imported_is_named(scene, tmp_path, one, said):
@@ -217,7 +219,7 @@ def test_what_is_there_is_never_replaced_unsaid(scene, tmp_path):
     assert scene.text == before
     # a lamp of another kind takes nothing of the old one along
     bulb = given(tmp_path, labelled(shape("light:lamp@room.back", "point", [(1, 2)])))
-    with pytest.raises(InputError, match="lights.lamp.type: is in the scene already"):
+    with pytest.raises(InputError, match="lights.lamp: is in the scene already"):
         import_file(scene, bulb, (WIDTH, HEIGHT))
     import_file(scene, bulb, (WIDTH, HEIGHT), replace=True)
     assert scene.get(("lights", "lamp")) == {"type": "point", "position": {"on": "room.back", "pixel": [1, 2]}}
@@ -489,8 +491,8 @@ def test_what_is_in_metres_is_not_exported():
         "lamp": {"type": "area", "outline": {"points": [[1, 2, 3]] * 3}}, "odd": {"type": "area", "outline": {"pixels": [[1, 2]] * 3}},
         "bulb": {"type": "point", "position": {"point": [1, 2, 3]}}, "wrong": 3}}, (9, 9))
     assert not found.drawn and found.left_out == [
-        "shapes.box is not marked in the photograph", "light:lamp@ is not marked in the photograph",
-        "light:odd does not say on which plane it lies", "lights.bulb is not marked in the photograph"]
+        "shapes.box is no outline, line or point in the photograph", "light:lamp is no outline, line or point in the photograph",
+        "light:odd does not say on which plane it lies", "lights.bulb is no outline, line or point in the photograph"]
 
 
 def test_photograph_size_is_that_of_the_upright_picture(tmp_path):

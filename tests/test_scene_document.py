@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import shutil
@@ -54,6 +55,7 @@ lights:
       pixels: [[1, 2], [3, 4],
                [5, 6]]          # its shade
   sky: {type: sky}
+  # a spare lamp?
 
 fog: {type: homogeneous, visibility: 12}
 # the end
@@ -178,11 +180,14 @@ def test_new_lines_and_things_are_written_as_people_write_them(room):
     z:
       - [[1, 2], [3, 4]]
       - [[5, 6], [7, 9]]
-  window: {type: area, outline: {on: room.left, pixels: [[1, 2], [3, 4], [5, 6]]}}
+  window:
+      on: room.left
+      pixels: [[1, 2], [3, 4], [5, 6]]
 illumination:
   type: karsch
   albedos:
     - {pixels: [[1, 2], [3, 4], [5, 6]], albedo: [0.5, 0.5, 0.5]}"""
+    assert "      pixels: [[1, 2], [3, 4], [5, 6]]\n  # a spare lamp?\n\nillumination:" in room.text
     assert "  sky: {type: sky}\n  window" in room.text and "\n\nillumination:" in room.text
     assert room.text.index("illumination:") < room.text.index("\nfog:") and room.text.endswith("# the end\n")
 
@@ -239,6 +244,63 @@ def test_words_come_back_as_they_were(room, value):
     room.set(("photograph", "file"), value)
     again = SceneDocument(room.path, room.text)
     assert again.get(("fogs", "thin")) == {"type": value, "list": [value, "x"]} and again.get(("photograph", "file")) == value
+
+
+ODD = """\
+a: 1
+b:
+- x: 1
+  y: [1, 2]   # k
+-   - 3
+    - 4
+- - - 5
+    - 6
+  - 7
+c:   # empty
+d: {e: , f: 2}
+"g h": 'it''s'
+i: |
+  text
+  more
+
+k: &anchor
+  l: 1
+m: [ # first
+  [1, 2], # one
+  [3, 4]  # two
+  ]
+n:
+
+  # before
+  o: 1
+
+  # between
+  p: 2   # after
+# end
+"""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_odd_ways_of_writing(tmp_path, seed):
+    """Of random changes each holds what was asked (`set` reads it again), keeps what it can, and is taken back."""
+    chance = random.Random(seed)
+    document, states = SceneDocument(tmp_path / "scene.yaml", ODD), [ODD]
+    values = [3.5, None, "a: b", [], [[1, 2], [3, 4]], {"q": {"r": 1}}, [{"s": [1, 2]}, 3], {}]
+    for _ in range(25):
+        place = chance.choice([p for p in places(document.data)])
+        old = document.get(place)
+        if chance.random() < 0.3:
+            document.remove(place)
+        elif isinstance(old, list) and chance.random() < 0.5:
+            document.set((*place, len(old)), chance.choice(values))
+        else:
+            value = chance.choice(values)
+            document.set(place, value)
+            assert document.get(place) == value
+        states += [document.text] * (document.text != states[-1])
+    assert len(states) > 10 and "# end" in document.text
+    for state in reversed(states[:-1]):
+        assert document.undo() and document.text == state
 
 
 # ---- names ----------------------------------------------------------------------------------------
@@ -398,6 +460,9 @@ def test_no_file(tmp_path):
     (("camera", "height"), float("nan"), "nan is no finite number"),
     (("camera", "height"), object(), "a value of type object"),
     (("camera", "height"), {1: 2}, "1 as a name"),
+    (("fog", "note"), [[0] * 1000] * 201, "would hold more than 200000 values"),
+    (("fog", "note"), json.loads("[" * 500 + "]" * 500), "nested more than 50 groups or lists deep"),
+    (("fog", "note"), json.loads("[" * 49 + "]" * 49), "nested more than 50 groups or lists deep"),
     (("fog", "note"), "x" * MAX_BYTES, "would be larger than 2000000 bytes"),
     (("a",) * 60, 1, "60 keys deep, more than 50"),
 ])

@@ -16,15 +16,17 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from pipeline.annotate.edits import edited, unchanged
-from pipeline.annotate.yaml_text import numbers, plain, readable
+from pipeline.annotate.yaml_text import count, numbers, plain, readable
 from pipeline.errors import InputError, nearest
 from pipeline.imaging.atomic import replacing
 from pipeline.scene.fog_entry import FOG_NAME
-from pipeline.scene.load import FIXED, MAX_BYTES, MAX_DEPTH, composed, content_of, unit_at
+from pipeline.scene.load import FIXED, MAX_BYTES, MAX_DEPTH, MAX_NODES, composed, content_of, unit_at
 from pipeline.scene.model import scene_model
 
 #: Characters of all states together that undo goes back to; the oldest are forgotten first, one is always kept.
 MAX_HISTORY = 20_000_000
+#: States of which the values are kept, too, so that going back and forth by a few is quick.
+KNOWN_STATES = 8
 THING = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 #: Groups of things that a person names, by the keys round them; * is any name.
 NAMED = (("shapes",), ("lights",), ("fogs",), ("depth", "regions"), ("lights", "*", "openings"))
@@ -47,6 +49,7 @@ class SceneDocument:
         self._past: list[str] = []
         self._future: list[str] = []
         self._depth = 0
+        self._read: dict[str, tuple] = {}
         self._take(text)
         self._saved = text
         self._digest = _digest(text.encode("utf-8"))
@@ -103,6 +106,7 @@ class SceneDocument:
             return
         if len(place) > MAX_DEPTH:
             raise self._mistake(place[:3], f"{len(place)} keys deep, more than {MAX_DEPTH}", FIXED)
+        plain(value, len(place))
         wanted = self.data
         node = wanted
         for key, following in zip(place[:-1], place[1:]):
@@ -243,8 +247,16 @@ class SceneDocument:
 
     # ---- states
     def _take(self, text: str) -> None:
-        self._root, read = composed(self.path, text)
-        self._values, self._text = read.values, text
+        """Makes the text the present state; of the last few it is known what they say."""
+        known = self._read.pop(text, None)
+        if known is None:
+            root, read = composed(self.path, text)
+            known = root, read.values
+        self._read[text] = known
+        while len(self._read) > KNOWN_STATES:
+            del self._read[next(iter(self._read))]
+        self._root, self._values = known
+        self._text = text
 
     def _remember(self, text: str) -> None:
         self._past.append(text)
@@ -263,6 +275,8 @@ class SceneDocument:
         """To the values `wanted`, which differ from those that are there at `place` or round it."""
         if unchanged(self._values, wanted):
             return
+        if count(wanted) > MAX_NODES:
+            raise self._mistake(place, f"the scene would hold more than {MAX_NODES} values", FIXED)
         model, units = scene_model(), {}
 
         def unit_of(where: tuple) -> str:

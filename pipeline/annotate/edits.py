@@ -185,15 +185,28 @@ class _Edits:
                 written = self.text[start:self.next_line(self.end(value, self.colon(key)))]
                 written += "\n" * (not written.endswith("\n"))
             else:
-                braces = alike is not None and alike.flow_style and (where or not any(
-                    isinstance(one, (dict, list)) for one in _items(new[name])))
+                braces = alike is not None and alike.flow_style and not any(
+                    isinstance(one, dict) or isinstance(one, list) and not where for one in _items(new[name]))
                 written = entry(name, new[name], indent, in_braces=bool(braces))
             if after is None:
                 index = index - self.column(index) if self.blank_before(index) else index
             if not where:
+                index = self.behind_comments(index) if after is not None else index
                 following = self.text[index:self.next_line(index)].strip()
                 written = "\n" * bool(b) + written + "\n" * bool(following)
             self.lines(index, written)
+
+    def behind_comments(self, index: int) -> int:
+        """Index of the line behind those comments below a section that are indented as what is in it."""
+        end = index
+        while index < len(self.text):
+            line = self.text[index:self.next_line(index)]
+            index = self.next_line(index)
+            if line.strip() and not (line.startswith(" ") and line.lstrip().startswith("#")):
+                break
+            if line.strip():
+                end = index
+        return end
 
     def section_before(self, name: str, present: list[str]) -> str | None:
         """Which of the sections that are there a new one follows."""

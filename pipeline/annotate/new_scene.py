@@ -20,6 +20,8 @@ FIRST = """\
 # yaml-language-server: $schema=../scene.schema.json
 #
 # {width} x {height} pixels. Pixels are [u, v] from the photograph's top-left corner: u to the right, v down. Lengths are metres.
+# To be drawn: for the camera lines along edges (x runs left-right, y vertically, z front-back), or in the open air the horizon;
+# a room and what stands in it (shapes), or regions of the open air (depth); lamps, windows and their sun, or the sky (lights).
 
 photograph:
   file: {file}
@@ -27,25 +29,9 @@ photograph:
 camera:
   height: 1.6                       # m above the floor or ground, a guess; it sets the scale of everything
 {lens}
-  # still to be drawn, one of the two:
-  # lines:                          # edges of a room: x run left-right, y vertically, z front-back
-  #   x: [[[0, 0], [1, 1]]]
-  # horizon: [[0, 0], [1, 0]]       # in the open air
 
-# Still to be drawn: a room and what stands in it (shapes), or regions of the open air (depth).
-#
-# shapes:
-#   room:
-#     type: room
-#     edges:
-#       floor_back: [[0, 0], [1, 0]]
-# depth:
-#   regions:
-#     sky: {{class: sky, pixels: [[0, 0], [1, 0], [1, 1]]}}
-#     ground: {{class: support, pixels: [[0, 1], [1, 1], [1, 2]]}}
-
-lights:                             # still to be drawn: lamps (area, point), windows with their sun patches (sun), or the sky
-  reflected: {{type: ambient}}        # what walls and floor throw back
+lights:
+  reflected: {{type: ambient}}        # what walls, floor or ground throw back
 
 fog:
   type: homogeneous

@@ -11,6 +11,7 @@ from typing import Any, Callable
 from ruamel.yaml import YAML
 
 from pipeline.errors import InputError
+from pipeline.scene.load import FIXED, MAX_DEPTH
 
 #: Columns of a line, as in the scenes that come along.
 WIDTH = 120
@@ -21,20 +22,22 @@ DIGITS = 6
 PLAIN_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_/-]*(\.[A-Za-z0-9_/-]+)*")
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any, depth: int = 0) -> Any:
     """The value as dict, list, number, text, True, False or None, also from tuples and numpy's own types.
 
-    Raises InputError for what no scene file can hold.
+    Raises InputError for what no scene file can hold. depth: of groups and lists round it.
     """
+    if depth >= MAX_DEPTH:
+        raise InputError(f"values are nested more than {MAX_DEPTH} groups or lists deep", remedy=f"write them less deeply; {FIXED}")
     if isinstance(value, dict):
         for key in value:
             if not isinstance(key, str):
                 raise InputError(f"{key!r} as a name", remedy="name values by words")
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): plain(one, depth + 1) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
+        return [plain(one, depth + 1) for one in value]
     if hasattr(value, "tolist"):  # numpy's
-        return plain(value.tolist())
+        return plain(value.tolist(), depth)
     if value is None or isinstance(value, (bool, int)):
         return value
     if isinstance(value, float):
@@ -62,6 +65,13 @@ def readable(value: Any, where: tuple, unit_of: Callable[[tuple], str], kept: se
     unit = unit_of(where)
     short = round(value, PIXEL_DIGITS) if unit == "pixel" else float(f"{value:.{DIGITS}g}")
     return int(short) if short.is_integer() and abs(short) < 1e15 else short
+
+
+def count(value: Any) -> int:
+    """How many values it holds, names among them, as a file's reader counts them."""
+    if isinstance(value, dict):
+        return 1 + sum(1 + count(one) for one in value.values())
+    return 1 + (sum(map(count, value)) if isinstance(value, list) else 0)
 
 
 def numbers(value: Any) -> set[float]:

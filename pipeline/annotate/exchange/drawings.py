@@ -52,8 +52,8 @@ class Drawings:
         said = f"{what} '{label}'" if isinstance(label, str) and label.strip() else what
         if not isinstance(label, str) or not label.strip():
             return self.leave_out(f"{said} has no label")
-        if len(label) > 200:
-            return self.leave_out(f"{said}: its label is longer than 200 characters")
+        if len(label) > 200 or not label.isprintable():
+            return self.leave_out(f"{what} '{label[:40]}': its label is longer than 200 characters, or more than one line")
         if len(self.drawn) >= MAX_DRAWN:
             raise InputError(f"more than {MAX_DRAWN} drawings", remedy="leave out those of other pictures")
         found = pairs(points)
@@ -70,8 +70,8 @@ class Drawings:
         self.drawn.append(Drawn(label.strip(), form, found))
 
     def leave_out(self, why: str) -> None:
-        if len(self.left_out) < MAX_DRAWN:
-            self.left_out.append(why)
+        if len(self.left_out) < MAX_DRAWN:  # what a stranger's file says goes to a terminal
+            self.left_out.append("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in why[:300]))
 
     def scaled_to(self, width: int, height: int) -> tuple[Drawings, str | None]:
         """The drawings in a photograph of that size, and what is to be said about it.

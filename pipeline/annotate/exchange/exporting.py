@@ -15,7 +15,7 @@ def drawings_of(scene: dict[str, Any], size: tuple[int, int] | None) -> Drawings
     found = Drawings("scene", size)
     for form, label, points in _all(scene):
         if points is None:
-            found.leave_out(f"{label} is not marked in the photograph")
+            found.leave_out(f"{label.removesuffix('@')} is no outline, line or point in the photograph")
             continue
         if label.startswith(("patch:", "light:", "window:")) and label.endswith("@"):
             found.leave_out(f"{label[:-1]} does not say on which plane it lies")

@@ -115,9 +115,10 @@ def _written(wanted: dict, scene: dict, target: Target, written: set[tuple], tol
     for place, value in target.needed.items():
         stands = _at(wanted, place)
         if stands is not None and stands != value:
+            kind = place[-1] == "type"
             if place not in written:
-                there.append(place)
-            if place[-1] == "type":  # of another kind, nothing else of it fits
+                there.append(place[:-1] if kind else place)
+            if kind:  # of another kind, nothing else of it fits
                 _put(wanted, place[:-1], {})
         _put(wanted, place, value)
         written.add(place)

@@ -85,7 +85,8 @@ def targets(drawn: Drawn, scene: dict[str, Any], taken: set[tuple]) -> list[Targ
 
 def _form(drawn: Drawn, *forms: str) -> None:
     if drawn.form not in forms:
-        raise InputError(f"'{drawn.label}' is drawn as a {drawn.form}", remedy=f"draw a {' or a '.join(forms)}")
+        words = {"outline": "an outline", "line": "a line", "point": "a point", "cuboid": "a cuboid"}
+        raise InputError(f"'{drawn.label}' is drawn as {words[drawn.form]}", remedy=f"draw {' or '.join(words[f] for f in forms)}")
 
 
 def _shape(scene: dict, kind: str, otherwise: str) -> str:
