@@ -302,7 +302,9 @@ $(S)/geometry.json: $(call beside,$(foreach f,depth surfaces,$(S)/$(f).exr $(S)/
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipeline/scene/described_sun.py $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
-$(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
+# what the fog sees round it, where that is not the open plain
+around = $(if $(shell grep -s '"sky_seen"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
+$(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
   $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
@@ -405,7 +407,7 @@ $(FIGURES)/table1.png: $(foreach s,bathroom building,$(wildcard $(addprefix $(SC
   $(wildcard pipeline/*.py pipeline/stages/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/planning/*.py)
 $(BUILD)/validation/mse.csv: $(foreach s,cornell cornell_height,$(wildcard $(SCENES)/$s/scene.yaml)) $(templates) \
   $(wildcard tests/validation/*.py tests/reference/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/plugins/lights/*.py) | setup
-	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants "best,default,midpoint T"
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants default
 $(drawn): $(drawing) | $(FIGURES_READY)
 	@$(PY) -m pipeline figures --only $(basename $(@F))
 $(FIGURES)/figures.html: $(drawn) templates/figures.html
@@ -428,7 +430,7 @@ study-truth: setup
 	@OMP_NUM_THREADS=1 $(PY) $(SCENES)/$(scene)/model/foggy.py $(fogs)
 
 # ---- other things a person asks for ------------------------------------------------------------
-.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-annotate photos photograph schema plugins digests clean help
+.PHONY: test test-slow test-browser fuzz validation bench bench-record bench-lamps bench-full-size bench-tolerances bench-match bench-preview bench-annotate photos photograph schema plugins digests clean help
 test: setup $(FIGURES_READY)
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 -m "not slow"
 
@@ -456,6 +458,12 @@ bench-tolerances: setup
 
 bench-annotate: setup setup-browser setup-annotate
 	@OMP_NUM_THREADS=1 $(PY) -m tests.benchmarks.annotate $(if $(scene),--scene $(scene))
+
+bench-match: setup
+	@$(PY) -m tests.benchmarks.matches
+
+bench-preview: setup
+	@$(PY) -m tests.benchmarks.preview --repeats $(repeats)
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -517,6 +525,8 @@ help:
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
 	@echo "  make bench-annotate      times the annotation page: a slider, and a change of geometry, to the picture in a browser"
+	@echo "  make bench-preview       times the preview that a photograph's annotation shows, at a megapixel, and how far sliders are off"
+	@echo "  make bench-match         whether a match finds fogs that are known, whatever the exposure and white balance"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's and the study's figures"

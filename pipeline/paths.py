@@ -145,7 +145,7 @@ class Build:
         return self.shared / "overlay.png"
 
     @property
-    def study_truth(self) -> Path:
+    def carried_truth(self) -> Path:
         """What the camera of a scene that we made would have seen in the fog, rendered from its model."""
         return self.source / "truth" / f"{self.fog or 'default'}.exr"
 
@@ -165,6 +165,15 @@ class Build:
         return self.shared / "inputs" / "albedos_begun.json"
 
     # of one fog
+    @property
+    def surroundings(self) -> Path:
+        """What the fog of an open-air scene sees round it."""
+        return self.basis / "surroundings.exr"
+
+    @property
+    def surrounding_kinds(self) -> Path:
+        return self.basis / "surroundings_kind.exr"
+
     @property
     def plan(self) -> Path:
         return self.out / "plan.json"

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from ruamel.yaml import YAML
 
+from pipeline.imaging.maps import read_map, write_map
+
 SCENES = Path(__file__).parents[1] / "scenes"
 #: Pixels round a step of depth that count as its crop.
 CROP = 24
@@ -24,16 +26,21 @@ def enlarged_scene(name: str, longer_side: int, folder: Path, **photograph: Any)
     """Writes the scene into `folder`; photograph: values of that section, such as working_size."""
     folder.mkdir(parents=True)
     scene = YAML(typ="safe").load(SCENES / name / "scene.yaml")
-    picture = cv2.imread(str(SCENES / name / "photograph.jpg"))
+    source = SCENES / name / scene["photograph"]["file"]
+    linear = source.suffix == ".exr"
+    picture = read_map(source) if linear else cv2.imread(str(source))
     factor = longer_side / max(picture.shape[:2])
     size = tuple(round(side * factor) for side in picture.shape[1::-1])
-    cv2.imwrite(str(folder / "photograph.jpg"), cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC),
-                [cv2.IMWRITE_JPEG_QUALITY, 95])
+    enlarged = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)
+    if linear:
+        write_map(folder / "photograph.exr", np.maximum(enlarged, 0), {})
+    else:
+        cv2.imwrite(str(folder / "photograph.jpg"), enlarged, [cv2.IMWRITE_JPEG_QUALITY, 95])
     if (labels := SCENES / name / "labels.png").exists():
         cv2.imwrite(str(folder / "labels.png"),
                     cv2.resize(cv2.imread(str(labels)), size, interpolation=cv2.INTER_NEAREST))
     scene = _scaled(scene, factor)
-    scene["photograph"] = {"file": "photograph.jpg", **photograph}
+    scene["photograph"] = {"file": f"photograph{'.exr' if linear else '.jpg'}", **photograph}
     if "depth" in scene:
         scene["depth"]["refine"] = {"radius": round(6 * factor)}
     (folder / "scene.yaml").write_text(json.dumps(scene, indent=1))  # JSON is YAML

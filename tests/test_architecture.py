@@ -19,7 +19,7 @@ MOST_LINES = 450
 PURE = {"pipeline.physics": {"pipeline.physics", "pipeline.geometry", "pipeline.errors"},
         "pipeline.geometry": {"pipeline.geometry", "pipeline.errors", "pipeline.side_by_side"},
         "pipeline.estimation": {"pipeline.estimation", "pipeline.physics", "pipeline.geometry",
-                                "pipeline.errors"}}
+                                "pipeline.errors", "pipeline.side_by_side"}}
 #: Libraries that compute; json turns text into values, and cv2 is watched for its file functions below.
 LIBRARIES = {"__future__", "astral", "collections", "cv2", "dataclasses", "datetime", "functools",
              "itertools", "json", "math", "nlopt", "numpy", "re", "scipy", "shapely", "tinyvdb", "typing", "zoneinfo"}

@@ -236,7 +236,7 @@ def test_limit_of_all_renders(limit, tiny_scene, capsys, monkeypatch):
     """The first stops the estimate's renders (24 * 18 * 5 points), the second those of the fog."""
     import pipeline.stages.illumination as illumination
 
-    monkeypatch.setattr(illumination, "render", lambda build, planned, text: None)
+    monkeypatch.setattr(illumination, "render", lambda build, scene, planned, templates: None)
     tiny_scene.replace("samples: 8", f"samples: 8\n  max_light_samples: {limit:.0f}")
     stages = (*BEFORE_RENDERS, "illumination", "plan")
     message = refused(tiny_scene, capsys, *stages)

@@ -113,7 +113,7 @@ def rendered(tmp_path_factory):
         write_map(build.foggy(".exr"), read_map(build.photograph) / (1 + number) + 0.1 * number)
     medium = made(root).stimuli[-1].medium
     absorption, scattering = medium.coefficients()
-    write_map(build.study_truth, read_map(build.foggy(".exr")) * 0.9, {
+    write_map(build.carried_truth, read_map(build.foggy(".exr")) * 0.9, {
         "fog:absorption_coefficient_per_m": tuple(absorption), "fog:scattering_coefficient_per_m": tuple(scattering),
         "fog:asymmetry": medium.phase().asymmetry, "fog:content": "for a test"})
     return root

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.estimation.surroundings import surroundings
+from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.camera import Camera, from_field_of_view
 from pipeline.geometry.raycast import first_hits
 from pipeline.imaging.maps import write_map
@@ -34,9 +34,8 @@ def around(point, normal, faces, *, camera=None):
     camera = camera or from_field_of_view(64, 64, 90, camera_height=1.6)
     depth, face = first_hits(camera.position, camera.directions(camera.pixel_centres()), faces)
     colours = np.array([GROUND, WALLS, WALLS, SKY])
-    return surroundings(camera, np.asarray(point, float)[None], np.asarray(normal, float),
-                        lambda origin, directions: [hit[0] for hit in first_hits(origin, directions[None], faces)],
-                        colours[face], depth, face)
+    return Surroundings(camera, lambda origin, directions: [hit[0] for hit in first_hits(origin, directions[None], faces)],
+                        colours[face], depth, face).of_patch(np.asarray(point, float)[None], np.asarray(normal, float))
 
 
 def test_open_plain_shows_all_of_the_sky():

@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from pipeline.annotate.sliders import Maps
-from pipeline.physics.composition import burnt_out, restored
-from pipeline.physics.enlarging import centres
+from pipeline.imaging.display import displayed
+from pipeline.physics.composition import NEAR_WHITE, burnt_out
+from pipeline.physics.enlarging import FARTHER, NEAREST, centres
 
 #: Depths that differ by this share belong to different things.
 ALIKE = 0.05
@@ -55,55 +56,64 @@ class Display:
 
     def __init__(self, radiance: np.ndarray, clipped: np.ndarray, exposure: float, scenery: Scenery, small: Scenery,
                  layers: Layers | None = None):
-        self.clipped, self.exposure, self.scenery = clipped, exposure, scenery
+        self.exposure, self.scenery = exposure, scenery
         self.radiance = np.maximum(radiance, 0).astype(np.float32)
         self.depth = scenery.depth.astype(np.float32)
         self.layers = layers
+        #: pixels of each lamp that is burnt out, by the light's index
+        self.lamps = {index: np.nonzero((scenery.emitter == index) & (clipped | (radiance.min(-1) > NEAR_WHITE)))
+                      for index in burnt_out(clipped, scenery.emitter, dict.fromkeys(np.unique(scenery.emitter[scenery.emitter >= 0])))}
         y, x = centres(self.depth.shape, small.depth.shape)
-        self.at = np.meshgrid(np.clip(x, 0, small.depth.shape[1] - 1), np.clip(y, 0, small.depth.shape[0] - 1))
-        self._keep_apart(scenery, small)
+        x, y = np.meshgrid(np.clip(x, 0, small.depth.shape[1] - 1), np.clip(y, 0, small.depth.shape[0] - 1))
+        self._keep_apart(x, y, scenery, small)
+        self.at = cv2.convertMaps(x, y, cv2.CV_16SC2)
         if layers is not None:
             self.depth[layers.rows, layers.columns] = layers.front_depth
 
-    def _keep_apart(self, scenery: Scenery, small: Scenery) -> None:
-        """Of pixels not all of whose four neighbours in the maps are of their surface takes the likest one round there."""
-        x, y = self.at
-        x0, y0 = (np.minimum(np.floor(at).astype(np.int32), max(most - 2, 0)) for at, most in zip((x, y), small.depth.shape[::-1]))
-        plain = np.ones(self.depth.shape, bool)
-        for dy in (0, 1):
-            for dx in (0, 1):
-                near = (np.minimum(y0 + dy, small.depth.shape[0] - 1), np.minimum(x0 + dx, small.depth.shape[1] - 1))
-                plain &= (small.key[near] == scenery.key) & (np.abs(small.depth[near] - self.depth) <= 2 * ALIKE * self.depth)
-        rows, columns = np.nonzero(~plain)
-        if not len(rows):
+    def _keep_apart(self, x: np.ndarray, y: np.ndarray, scenery: Scenery, small: Scenery) -> None:
+        """Moves places (H, W) in the maps, where not all four round them are of the pixel's surface, to the likest one there."""
+        rows, columns = small.depth.shape
+        x0, y0 = (np.minimum(at.astype(np.int32), max(most - 2, 0)) for at, most in ((x, columns), (y, rows)))
+        # of each pixel of the maps: whether it, the next and those below are one surface
+        window, border = np.ones((2, 2), np.uint8), {"anchor": (0, 0), "borderType": cv2.BORDER_REPLICATE}
+        code = small.key.astype(np.float32)
+        one = cv2.erode(code, window, **border) == cv2.dilate(code, window, **border)
+        one &= cv2.dilate(small.depth, window, **border) <= (1 + 4 * ALIKE) * cv2.erode(small.depth, window, **border)
+        plain = one[y0, x0] & (small.key[y0, x0] == scenery.key) & (
+            np.abs(small.depth[y0, x0] - self.depth) <= 4 * ALIKE * self.depth)
+        at = np.flatnonzero(~plain)
+        if not len(at):
             return
-        depth, key = self.depth[rows, columns], scenery.key[rows, columns]
-        best, place = np.full(len(rows), np.inf, np.float32), np.zeros((2, len(rows)), np.float32)
-        fx, fy = x[rows, columns], y[rows, columns]
-        for dy in (-1, 0, 1, 2):
-            for dx in (-1, 0, 1, 2):
-                row = np.clip(y0[rows, columns] + dy, 0, small.depth.shape[0] - 1)
-                column = np.clip(x0[rows, columns] + dx, 0, small.depth.shape[1] - 1)
-                off = np.abs(small.depth[row, column] - depth) / (ALIKE * depth)
+        depth, key, fx, fy, x0, y0 = (values.ravel()[at] for values in (self.depth, scenery.key, x, y, x0, y0))
+        best, place = np.full(len(at), np.inf, np.float32), np.zeros(len(at), np.int32)
+        flat_depth, flat_key, some = small.depth.ravel(), small.key.ravel(), np.arange(len(at))
+        for steps in (NEAREST, FARTHER):
+            for dy, dx in steps:
+                row, column = np.clip(y0[some] + dy, 0, rows - 1), np.clip(x0[some] + dx, 0, columns - 1)
+                index = row * columns + column
+                off = np.abs(flat_depth[index] - depth[some]) / (ALIKE * depth[some])
                 # another surface as far away is better than the same one elsewhere
-                cost = np.hypot(row - fy, column - fx) + 2 * np.minimum(off, 50) + 3 * (small.key[row, column] != key)
-                better = cost < best
-                best = np.where(better, cost, best)
-                place = np.where(better, np.stack([column, row]).astype(np.float32), place)
-        x[rows, columns], y[rows, columns] = place
+                cost = (np.hypot(row - fy[some], column - fx[some]) + 2 * np.minimum(off, 50) + 3 * (flat_key[index] != key[some])
+                        ).astype(np.float32)
+                better = some[cost < best[some]]
+                best[better], place[better] = cost[cost < best[some]], index[cost < best[some]]
+            some = np.flatnonzero(best > 3)
+        y.ravel()[at], x.ravel()[at] = np.divmod(place, columns)
 
     def picture(self, maps: Maps, lamps: dict[int, np.ndarray] | None = None, exposure_ev: float = 0.0) -> np.ndarray:
         """(H, W, 3) uint8 sRGB. lamps: radiance (3,) that burnt-out lamps take, by the light's index."""
-        enlarged = [cv2.remap(values, *self.at, cv2.INTER_LINEAR) for values in (maps.on_the_way, maps.filling)]
+        enlarged = [cv2.remap(np.ascontiguousarray(values), *self.at, cv2.INTER_LINEAR) for values in (maps.on_the_way, maps.filling)]
         on_the_way, filling = enlarged
         on_the_way[self.scenery.bare] = 1
         density = maps.density
         dense = np.float32(1) if (density == density.flat[0]).all() and density.flat[0] == 1 else cv2.remap(
             density, *self.at, cv2.INTER_LINEAR).reshape(self.depth.shape)
-        radiance = self.radiance
-        if lamps and (lamps := burnt_out(self.clipped, self.scenery.emitter, lamps)):
-            radiance = restored(radiance.copy(), self.clipped, self.scenery.emitter, lamps)
-        foggy = _mixed(radiance, self.depth * dense, maps.extinction, on_the_way, filling)
+        foggy = _mixed(self.radiance, self.depth * dense, maps.extinction, on_the_way, filling)
+        for index, at in self.lamps.items():
+            if index in (lamps or {}):
+                bright = np.maximum(self.radiance[at], np.asarray(lamps[index], np.float32))
+                thick = dense if np.ndim(dense) == 0 else dense[at]
+                foggy[at] = _mixed(bright, self.depth[at] * thick, maps.extinction, on_the_way[at], filling[at])
         if self.layers is not None:
             self._add_layers(foggy, maps, on_the_way, filling, dense)
         return _encoded(foggy, self.exposure * 2.0**exposure_ev)
@@ -143,8 +153,6 @@ _TABLE: list[np.ndarray] = []
 
 def _table() -> np.ndarray:
     if not _TABLE:
-        from pipeline.imaging.display import displayed
-
         steps = (np.arange(CODES, dtype=np.float32) + np.float32(0.5)) / (CODES - 1)
         _TABLE.append(displayed(np.repeat(steps[None, :, None], 3, -1))[0, :, 0])
     return _TABLE[0]

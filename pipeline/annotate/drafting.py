@@ -34,12 +34,14 @@ from pipeline.scene.model import CompositeSettings, RenderSettings
 from pipeline.scene.placed import PlacedScene
 
 #: Longer side [pixel] at which light and fog are worked out, outdoors, where closed forms say most, and indoors.
-OUTDOORS, INDOORS = 256, 192
+OUTDOORS, INDOORS = 256, 160
 #: What is rendered of the fog, at these settings. All of it together takes POV-Ray less than it takes to start and end.
-FINENESS = Fineness(in_scattering_size=48, glow_tolerance=0.05, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
+FINENESS = Fineness(in_scattering_size=36, glow_tolerance=0.1, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
                     optical_step=2 / 3, density_steps=32, transmittance=INTEGRATED)
 #: Of the estimate of light strengths: longer side [pixel], rays, bounces at most, and side of the square of small lights.
 ESTIMATE_SIZE, RAYS, BOUNCES, SUB_LIGHTS = 40, 12, 2, 3
+#: Share of rays and points along them at which what stands round the fog is looked up.
+SURROUNDINGS = 0.6
 #: Albedos that come out nearer than this to those that bounced light was rendered with need no other render.
 ALIKE = 0.04
 
@@ -154,7 +156,7 @@ class Drafting:
             "illumination": illumination.model_dump(mode="json"),
             "exporter": parts.exporter.model_dump(mode="json"), "fog": parts.fog.model_dump(mode="json"),
             "render": RenderSettings(quality="draft", checked_pixels=0).model_dump(mode="json"),
-            "composite": CompositeSettings().model_dump(mode="json"), "demand": {"light_strengths": True}}
+            "composite": CompositeSettings().model_dump(mode="json"), "demand": {"light_strengths": True, "surroundings": SURROUNDINGS}}
         for part, value in stated.items():
             write_json_if_changed(build.input(part), value)
         write_json_if_changed(build.camera, camera_to_json(placed.camera.resized(width, height)))

@@ -26,12 +26,14 @@ from pipeline.plugins.annotations import Outline, Position
 from pipeline.plugins.base import Light, Model, Shape, World
 from pipeline.scene.depth_section import DepthSection
 from pipeline.scene.described_camera import describe
-from pipeline.scene.described_sun import described_sun, is_sun, stated_at
+from pipeline.scene.described_sun import QUICK, described_sun, is_sun, stated_at
 from pipeline.scene.outdoors import described_regions
 from pipeline.scene.placed import placed
 
 #: Longer side [pixel] at which is worked out what hides what, and how far regions are.
 VIEW = 256
+#: By so much more of its objective the sun's direction is looked for anew, and not only near the last one.
+WORSE = 0.15
 #: Minimisations of a sun's direction: while somebody draws, few must do.
 STARTS = 2
 #: So many broken regions are told at once.
@@ -71,6 +73,7 @@ class Placing:
         self.build = build
         self._known: dict[Any, tuple[Any, Any]] = {}
         self._labels: dict[tuple, np.ndarray] = {}
+        self._suns: dict[str, dict[str, Any]] = {}
 
     def of(self, parts: Parts, size: tuple[int, int], exif_35mm: float | None) -> tuple[Placed, list[Problem]]:
         """size: the photograph's width and height [pixel]."""
@@ -181,7 +184,7 @@ class Placing:
                 settings = settings.model_copy(update={"starts": min(settings.starts, STARTS)})
             try:
                 found = self._once(("sun", name), (_key(world.camera), one.model_dump_json(), settings and settings.model_dump_json()),
-                                   lambda: described_sun(name, one, world.camera, settings, resamples=0))
+                                   lambda: self._sun(name, one, world.camera, settings))
             except InputError as error:
                 problems.append(Problem.of(error, _sun_place(error, stated_at(name, light, settings), light)))
                 result.left_out.add(place)
@@ -193,6 +196,21 @@ class Placing:
             problems += [Problem(at, f"{name}: {message}", "check the window and its patches, or the shadows", "warning")
                          for message in found["messages"]]
         result.lights[name] = one
+
+    def _sun(self, name: str, light: Light, camera: Camera, settings) -> dict[str, Any]:
+        """As `described_sun`, quickly: near the last direction, as long as what is there explains the patches as well."""
+        last = self._suns.get(name)
+        if last is not None and "objective" in last:
+            try:
+                found = described_sun(name, light, camera, settings, QUICK, np.asarray(last["sun_direction"]))
+                if found.get("objective", np.inf) < last["objective"] + WORSE:
+                    self._suns[name] = {**found, "objective": min(found["objective"], last["objective"] + WORSE / 4)}
+                    return found
+            except InputError:
+                pass
+        found = described_sun(name, light, camera, settings, QUICK)
+        self._suns[name] = found
+        return found
 
     def _see(self, result: Placed, key: tuple) -> None:
         """What the view shows."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ __all__ = ["Preview", "Problem", "Shown"]
 
 #: Parts of a scene that `foggy` takes as values of its own, and those that change no draft.
 APART = ("fog", "fogs", "render", "composite")
+#: Seconds after an estimate before its sliders' maps are made.
+REST = 0.4
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,12 @@ class Preview:
                     self._made = made
             except Cancelled:
                 return []
-        threading.Thread(target=sliders.prepare, args=(lambda: self._made is made and self._wanted == mine,), daemon=True).start()
+        def prepare() -> None:
+            # whoever draws on wants the next estimate first
+            time.sleep(REST)
+            sliders.prepare(lambda: self._made is made and self._wanted == mine)
+
+        threading.Thread(target=prepare, daemon=True).start()
         return problems
 
     def cancel(self) -> None:

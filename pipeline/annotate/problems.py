@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import re
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -118,11 +117,9 @@ def _problems(data: dict[str, Any]) -> list[Problem]:
     except ValidationError as error:
         found = []
         for place, message, remedy, missing in complaints(error, data, _model()):
-            key = (re.search(r"'(\w+)' is missing$", message) or [None, ""])[1] if missing else ""
-            if missing and not place:
-                found.append(Problem((key,), f"'{key}' is missing", NEXT.get(key, remedy), "warning"))
-            else:
-                found.append(Problem(place, message, remedy, "warning" if missing or _is_open(place, message) else "error"))
+            if missing and len(place) == 1:
+                message, remedy = f"'{place[0]}' is missing", NEXT.get(place[0], remedy)
+            found.append(Problem(place, message, remedy, "warning" if missing or _is_open(place, message) else "error"))
         if "lights" in data and data["lights"] == {}:
             found = [one for one in found if one.place != ("lights",)]
             found.append(Problem(("lights",), "there is no light yet", NEXT["lights"], "warning"))

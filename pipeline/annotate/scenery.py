@@ -44,7 +44,7 @@ def sceneries(build: Build, parts: Parts, picture: Picture, placing: Placing, ca
     view = camera.resized(*picture.size)
     own = {name: shape for name, shape in scene.shapes.items() if not name.startswith("region_") or not scene.outdoors}
     if not scene.outdoors:
-        return small, _indoors(scene, view), None
+        return small, _indoors(scene, view, (depth, face, emitter)), None
     found = _regions(parts.depth, build, camera, view, placing)
     large = _outdoors(scene, own, found, view, picture)
     layers = None
@@ -53,17 +53,19 @@ def sceneries(build: Build, parts: Parts, picture: Picture, placing: Placing, ca
     return small, large, layers
 
 
-def _indoors(scene: PlacedScene, view: Camera) -> Scenery:
-    depth, face, emitter = _seen(scene, scene.shapes, view)
+def _indoors(scene: PlacedScene, view: Camera, known: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Scenery:
+    depth, face, emitter = _seen(scene, scene.shapes, view, known)
     missed = ~np.isfinite(depth)
     if missed.any():
         depth = np.where(missed, depth[~missed].max(initial=1.0), depth)
     return Scenery(depth.astype(np.float32), face, (emitter >= 0) | (face < 0), emitter)
 
 
-def _seen(scene: PlacedScene, shapes: dict, view: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _seen(scene: PlacedScene, shapes: dict, view: Camera, known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+          ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depth, face and light that are seen, at the view's size. known: at the draft's."""
     small = scene.camera
-    depth, face, emitter = visible(small, shapes, scene.lights)
+    depth, face, emitter = known or visible(small, shapes, scene.lights)
     if (view.width, view.height) == (small.width, small.height):
         return depth, face, emitter
     return EnlargedView(view, small, depth, face, emitter, shapes, scene.lights).rows(0, view.height)

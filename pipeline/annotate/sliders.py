@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from pipeline.plugins.registry import registry
 from pipeline.rendering.runs import in_scattering_about
 from pipeline.rendering.scattered import Scattered
 from pipeline.scene.artefacts import read_file
+from pipeline.scene.placed import PlacedScene
 
 #: Of light on its way to surfaces less than this tells nothing; its logarithm stays finite.
 LEAST_WAY = 1e-12
@@ -33,6 +34,8 @@ NOTHING = 1e-12
 DENSITY, PHASE = "density", "phase"
 STEPS = tuple(float(k * np.log(3)) for k in range(-3, 4))
 ASYMMETRIES = (-0.5, -0.2, 0.1, 0.35, 0.6, 0.8, 0.9)
+#: Fogs of another kind that are kept.
+MOST_OTHERS = 12
 #: Longer side [pixel] and relative change at which nodes find the glow of lamps.
 COARSE_GLOW = {"in_scattering_size": 24, "glow_tolerance": 0.1}
 
@@ -75,6 +78,8 @@ class _Kept(Scattered):
         other = copy.copy(self)
         other.medium, other.extinction = medium, np.add(*medium.coefficients())
         other.fineness = replace(self.fineness, **COARSE_GLOW)
+        other.enclosed, other.factors = copy.copy(self.enclosed), {}
+        other.enclosed.medium = medium
         other.glows, other.ways, other.rendered_offs, other.known, other.runs = {}, {}, {}, {}, {}
         other.front = other._view(self.front.full_depth, ...)
         return other
@@ -95,6 +100,10 @@ class Sliders:
         self.lock = threading.Lock()
         self.extinction = np.add(*draft.medium.coefficients())
         self.strengths = {name: np.asarray(one, float) for name, one in self.kept.strengths.items()}
+        self.others: dict[str, list[_Node]] = {}
+        self.own_rough: dict[str, list[_Node]] = {}
+        #: whether all nodes are there
+        self.complete = False
         #: without fog: what arrives of each light at the surfaces, its irradiance / pi (h, w, 3)
         self.weights: dict[str, np.ndarray] = {}
         self.nodes: dict[tuple[str, float], list[_Node]] = {}
@@ -122,6 +131,7 @@ class Sliders:
         own = self.draft.medium.phase().model_dump().get("asymmetry", 0.0)
         for g in sorted(ASYMMETRIES, key=lambda g: abs(g - own)):
             self._add(wanted, (PHASE, g), lambda: altered(self.draft.medium, {"g": g}))
+        self.complete = wanted()
 
     def _add(self, wanted: Callable[[], bool], key: tuple[str, float], fog: Callable[[], Medium]) -> None:
         if wanted() and self.lights and key not in self.nodes:
@@ -131,12 +141,12 @@ class Sliders:
             with self.lock:
                 self.nodes = {**self.nodes, key: found}
 
-    def _rough(self, medium: Medium) -> list[_Node]:
-        """A node without renders."""
+    def _rough(self, medium: Medium, without: Container[str] = ()) -> list[_Node]:
+        """A node without renders; `without` closed forms of these lights."""
         kept = self.kept.in_fog(medium.loaded(lambda name: read_file(self.draft.build, name)))
         view = kept.front
         eye = np.exp(-view.optical_depth)
-        return [_Node.of(kept, name, _unshadowed(kept, name), kept._arriving(name, eye, view)[1:]) for name in self.lights]
+        return [_Node.of(kept, name, _unshadowed(kept, name, name not in without), kept._arriving(name, eye, view)[1:]) for name in self.lights]
 
     def maps(self, fog: Mapping[str, Any] | None = None, gains: Mapping[str, float] | None = None) -> Maps:
         """fog: values as in the scene file in place of the draft's, as `altered` has them. gains: by light; 1 if absent.
@@ -175,7 +185,7 @@ class Sliders:
         own = self.draft.medium
         if _shape(medium) != _shape(own):
             # of another kind or height: by itself, roughly
-            found = [one.beside(rough, base) for one, rough, base in zip(self._rough(medium), self._rough_own(), self.base)]
+            found = self._of_another_kind(medium)
             return [one.path for one in found], [one.glow for one in found]
         with np.errstate(divide="ignore"):
             steps = np.log(np.add(*medium.coefficients()) / self.extinction)
@@ -210,10 +220,18 @@ class Sliders:
             result.append(change - (sum(w * nodes[PHASE, g][index].glow for g, w in first) if first else own.glow))
         return result
 
-    def _rough_own(self) -> list[_Node]:
-        if not hasattr(self, "rough"):
-            self.rough = self._rough(self.draft.medium)
-        return self.rough
+    def _of_another_kind(self, medium: Medium) -> list[_Node]:
+        """Nodes of a fog that varies otherwise than the draft's, by what both have closed forms for; the last ones are kept."""
+        key = medium.model_dump_json()
+        if key not in self.others:
+            scene = self.kept.scene
+            rough = {name for name in self.lights for one in (medium, self.draft.medium) if not _is_closed(scene, name, one)}
+            if (of_own := str(sorted(rough))) not in self.own_rough:
+                self.own_rough[of_own] = self._rough(self.draft.medium, rough)
+            pairs = zip(self._rough(medium, rough), self.own_rough[of_own], self.base)
+            kept = dict(list(self.others.items())[-MOST_OTHERS:])
+            self.others = {**kept, key: [one.beside(other, base) for one, other, base in pairs]}
+        return self.others[key]
 
 
 @dataclass(frozen=True)
@@ -240,13 +258,18 @@ class _Node:
         return _Node(own.path + self.path - rough.path, own.glow + self.glow - rough.glow)
 
 
-def _unshadowed(kept: _Kept, light: str) -> np.ndarray:
+def _is_closed(scene: PlacedScene, light: str, medium: Medium) -> bool:
+    """Whether V without shadows is known of a light in this fog."""
+    return not scene.rendered(light) or scene.completes(light, medium)
+
+
+def _unshadowed(kept: _Kept, light: str, closed: bool = True) -> np.ndarray:
     """V (h, w, 3) at unit strength without shadows; of lights without a closed form in this fog, roughly."""
     scene, view = kept.scene, kept.front
     scattering = kept.medium.coefficients()[1]
     if not scattering.max() > 0:
         return np.zeros((*view.depth.shape, 3))
-    if not scene.rendered(light) or scene.completes(light, kept.medium):
+    if closed and _is_closed(scene, light, kept.medium):
         return kept._without_shadows(light, view)
     rough = in_scattering_about(scene, kept.medium, light, view.directions, view.points)
     return rough[..., None] * scattering / float(scattering.mean())

@@ -53,6 +53,8 @@ LARGEST_RMS = 15.0  # degree
 LEAST_OVERLAP = 0.1
 # Light nearer than this to the window's plane passes less than 2 % of the window's area.
 GRAZING = np.radians(1.0)
+# What a minimum near a known direction may take.
+NEAR_EVALUATIONS = 60
 Status = Literal["determined", "ambiguous", "impossible"]
 
 
@@ -79,13 +81,14 @@ class SunEstimate:
 
 
 def estimate_sun_direction(camera: Camera, openings: Sequence[Opening], *, starts: int = 6, seed: int = 0,
-                           noise: float = 2.0, resamples: int = 40) -> SunEstimate:
+                           noise: float = 2.0, resamples: int = 40, near: np.ndarray | None = None) -> SunEstimate:
     """The sun direction that best explains the annotated patches (Zhao et al. 2013, section 5.1).
 
     starts: local minimisations, begun at the best of many candidate directions. The confidence comes
     from re-estimating under `noise` [pixel] of Gaussian error on every vertex, `resamples` times, with
     random numbers from `seed`: at its optimum the objective has a kink wherever d_sun equals some
     d_j, so that a Jacobian there says nothing. 0 resamples skip it, and the confidence is NaN.
+    near (3,): a direction found for nearly the same annotation, of which the minimum round it alone is wanted.
     Raises InputError for degenerate polygons, openings without a patch or without a name of their
     own, and patches wholly behind the camera. A well-formed annotation that contradicts itself is
     no error but has status 'impossible'.
@@ -101,8 +104,12 @@ def estimate_sun_direction(camera: Camera, openings: Sequence[Opening], *, start
 
     optima: list[_Optimum] = []
     begun: list[np.ndarray] = []
-    for matching in joint_matchings(views):
-        objective = _Objective(views, matching)
+    objectives = [_Objective(views, matching) for matching in joint_matchings(views)]
+    if near is not None:
+        objective = min(objectives, key=lambda one: one(near))
+        direction, value = _minimise(objective, near, step=0.01, tolerance=1e-4, evaluations=NEAR_EVALUATIONS)
+        optima, begun, objectives = [(value, direction, objective)], [near], []
+    for objective in objectives:
         for start in _start_directions(objective, starts, rng):
             direction, value = _minimise(objective, start)
             optima.append((value, direction, objective))

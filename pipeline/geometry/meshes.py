@@ -11,16 +11,23 @@ _SEAM = 1e-9
 
 
 def mesh_hits(origin: np.ndarray, directions: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Distance (...) [m] along unit rays (..., 3) to the nearest triangle, inf where none is met.
+    """Distance (...) [m] along unit rays (..., 3) to the nearest triangle, inf where none is met; as `nearest_triangles`."""
+    return nearest_triangles(origin, directions, vertices, triangles)[0]
+
+
+def nearest_triangles(origin: np.ndarray, directions: np.ndarray, vertices: np.ndarray, triangles: np.ndarray
+                      ) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (...) [m] along unit rays (..., 3) to the nearest triangle, inf where none is met, and its index, -1 for none.
 
     vertices (n, 3) [m], triangles (m, 3) indices; both sides count (Moeller and Trumbore 1997).
     Rays that point alike are tried together on those triangles alone that lie in their direction.
     """
     rays = np.reshape(np.asarray(directions, float), (-1, 3))
     corners = np.asarray(vertices, float)[np.asarray(triangles).reshape(-1, 3)] - np.asarray(origin, float)
-    nearest = np.full(len(rays), np.inf)
+    nearest, which = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    shape = np.shape(directions)[:-1]
     if not len(rays) or not len(corners):
-        return nearest.reshape(np.shape(directions)[:-1])
+        return nearest.reshape(shape), which.reshape(shape)
     axes, cosines = _cones(corners)
     for members in _bundles(rays, len(corners)):
         some = rays[members]
@@ -30,13 +37,15 @@ def mesh_hits(origin: np.ndarray, directions: np.ndarray, vertices: np.ndarray, 
             middle = middle / length
             spread = np.arccos(np.clip((some @ middle).min(), -1, 1))
             towards = np.arccos(np.clip(axes @ middle, -1, 1)) <= np.arccos(cosines) + spread + 1e-6
-            chosen = corners[towards]
+            chosen = np.flatnonzero(towards)
         else:
-            chosen = corners
+            chosen = np.arange(len(corners))
         step = max(1, _PAIRS // max(len(chosen), 1))
         for begin in range(0, len(some) if len(chosen) else 0, step):
-            nearest[members[begin:begin + step]] = _hits(some[begin:begin + step], chosen)
-    return nearest.reshape(np.shape(directions)[:-1])
+            distance, index = _hits(some[begin:begin + step], corners[chosen])
+            nearest[members[begin:begin + step]] = distance
+            which[members[begin:begin + step]] = np.where(np.isfinite(distance), chosen[index], -1)
+    return nearest.reshape(shape), which.reshape(shape)
 
 
 def _cones(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,8 +73,8 @@ def _bundles(rays: np.ndarray, triangles: int) -> list[np.ndarray]:
     return np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
 
 
-def _hits(rays: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Distance (n,) along rays (n, 3) from 0 to the nearest of triangles (m, 3, 3)."""
+def _hits(rays: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (n,) along rays (n, 3) from 0 to the nearest of triangles (m, 3, 3), inf for none, and its index."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(-corners[:, 0], first)
     reach = (second * across).sum(-1)
@@ -76,4 +85,6 @@ def _hits(rays: np.ndarray, corners: np.ndarray) -> np.ndarray:
         v = rays @ across.T / determinant
         distance = reach / determinant
         met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM) & (distance > 0) & np.isfinite(distance)
-    return np.where(met, distance, np.inf).min(-1)
+    distance = np.where(met, distance, np.inf)
+    index = distance.argmin(-1)
+    return np.take_along_axis(distance, index[:, None], -1)[:, 0], index

@@ -57,7 +57,7 @@ def dome(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarray
     """
     sines = np.clip(directions[..., 1], -1, 1)
     if not upper or medium.top() is None:
-        share = np.interp(sines if upper else -sines, _SINES, _clear_skylight(medium.phase()))
+        share = clear_skylight(medium.phase(), sines if upper else -sines)
         return share[..., None] * veil(medium, eye, directions, depth)
     table = scipy.interpolate.RectBivariateSpline(_across(_DEPTHS), _along(_SINES),
                                 np.log(np.maximum(skylight(medium.phase(), _DEPTHS), 1e-300)))
@@ -192,6 +192,11 @@ def _logarithmic_mean(logarithm: np.ndarray) -> np.ndarray:
 
 #: The last phase function that was asked for, and its table: each view of a photograph asks anew.
 _LAST: list[tuple[Any, np.ndarray]] = []
+
+
+def clear_skylight(phase: Any, sines: np.ndarray) -> np.ndarray:
+    """Share (...) of the phase function that falls on the sky, for rays whose elevation has these sines (...)."""
+    return np.interp(sines, _SINES, _clear_skylight(phase))
 
 
 def _clear_skylight(phase: Any) -> np.ndarray:

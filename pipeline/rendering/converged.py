@@ -115,6 +115,10 @@ class Converged(Scattered):
     def _resampled(self, values: np.ndarray, view: View) -> np.ndarray:
         return values
 
+    def _surrounded(self, light: str, view: View) -> np.ndarray:
+        pixels = np.stack([self.pixels.columns + 0.5, self.pixels.rows + 0.5], -1)
+        return self.enclosed.factor(light, self.scene.camera, pixels[None], view.depth[None])[0]
+
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         eye = self.scene.camera.position
         return self.scene.lights[light].glow(self.medium, eye, view.directions, view.depth, self.fineness.glow_tolerance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import cv2
@@ -10,7 +9,7 @@ import numpy as np
 
 from pipeline.errors import InputError, nearest
 from pipeline.estimation.daylight import Patch, fit_daylight
-from pipeline.estimation.surroundings import surroundings
+from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.regions import polygon_mask
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
@@ -69,6 +68,7 @@ def _patches(build: Build, scene: PlacedScene, settings, kind: str, photograph: 
              ground: np.ndarray, messages: list[str]) -> list[Patch]:
     normals = {name: np.asarray(normal) for name, normal in read_json(build.geometry)["region_normals"].items()}
     depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
+    around_it = Surroundings(scene.camera, scene.first_hit, photograph, depth, face)
     patches, scale = [], annotation_scale(build)
     for index, described in enumerate(getattr(settings, kind)):
         name = f"{kind}[{index}]"
@@ -84,7 +84,7 @@ def _patches(build: Build, scene: PlacedScene, settings, kind: str, photograph: 
             sky, reflected = up * described.sky_visibility, (1 - up) * ground
         else:
             points = scene.camera.position + depth[mask][:, None] * scene.camera.directions(places[:, ::-1] + 0.5)
-            around = surroundings(scene.camera, points, normal, partial(_cast, scene), photograph, depth, face)
+            around = around_it.of_patch(points, normal)
             sky, reflected = around.sky, around.reflected
             if around.unseen > MOST_UNSEEN:
                 messages.append(f"{around.unseen:.0%} of the light on {name} comes from what the photograph does not show,"
@@ -92,18 +92,6 @@ def _patches(build: Build, scene: PlacedScene, settings, kind: str, photograph: 
         patches.append(Patch(name, photograph[mask], clipped[mask], places, np.maximum(albedo, 1e-4), normal, sky,
                              reflected))
     return patches
-
-
-def _cast(scene: PlacedScene, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [m] to the first thing that rays (k, 3) meet, inf for none, and the index of its face, -1 for none."""
-    nearest_hit, face = np.full(len(directions), np.inf), np.full(len(directions), -1)
-    first = 0
-    for shape in scene.shapes.values():
-        distance, index = (found[0] for found in shape.intersect(origin, directions[None]))
-        closer = distance < nearest_hit
-        nearest_hit, face = np.where(closer, distance, nearest_hit), np.where(closer, index + first, face)
-        first += len(shape.faces())
-    return nearest_hit, face
 
 
 def _mask(name: str, described, shape: tuple[int, int], scale: np.ndarray) -> np.ndarray:

@@ -187,7 +187,14 @@ def planned_runs(plan: dict[str, Any]) -> list[Run]:
 
 
 def surface_grid(scene: PlacedScene, count: int = 24) -> tuple[np.ndarray, np.ndarray]:
-    """Surface points (count, count, 3) [m] and ray directions over the photograph."""
+    """Surface points (count, count, 3) [m] and ray directions over the photograph; worked out once for all lights."""
+    known = scene.__dict__.setdefault("surface_grids", {})
+    if count not in known:
+        known[count] = _surface_grid(scene, count)
+    return known[count]
+
+
+def _surface_grid(scene: PlacedScene, count: int) -> tuple[np.ndarray, np.ndarray]:
     camera = scene.camera.resized(count, count)
     directions = camera.directions(camera.pixel_centres())
     depth = np.full((count, count), np.inf)

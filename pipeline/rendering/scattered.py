@@ -18,6 +18,7 @@ from pipeline.physics.penumbrae import carried
 from pipeline.physics.upsampling import Enlargement
 from pipeline.plugins.base import Medium
 from pipeline.rendering import fineness
+from pipeline.rendering.enclosed import Enclosed
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
@@ -93,7 +94,9 @@ class Scattered:
         surfaces = read_map(build.surfaces, size)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
-        #: at the size at which glow is found: V without shadows, and the light's transmittance on its way to surfaces
+        self.enclosed = Enclosed(build, self.scene, self.medium)
+        #: at the size at which glow is found: what surroundings make of light from all sides, V without shadows, and the light's transmittance on its way to surfaces
+        self.factors: dict[str, np.ndarray] = {}
         self.glows: dict[str, np.ndarray] = {}
         self.ways: dict[str, np.ndarray] = {}
         #: by what renders of their own size say that the latter is off
@@ -216,7 +219,17 @@ class Scattered:
         if self.scene.rendered(light):
             return self._unshadowed(light, view)
         eye = self.scene.camera.position
-        return np.array(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
+        known = np.array(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
+        return known * self._surrounded(light, view) if self.enclosed.changes(light) else known
+
+    def _surrounded(self, light: str, view: View) -> np.ndarray:
+        """Factor (..., 3) of a light from all sides, for what stands round the fog."""
+        key = light, view is self.behind
+        if key not in self.factors:
+            small = self._small_camera()
+            self.factors[key] = self.enclosed.factor(light, small, small.pixel_centres(),
+                                                     self._solid_depth(small.width, small.height, view))
+        return self._resampled(self.factors[key], view)
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""

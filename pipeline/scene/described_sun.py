@@ -18,8 +18,9 @@ from pipeline.plugins.lights.sunlight import Sunlight
 
 #: A cone wider than this [degree] is no direction to render with before it was looked at.
 MOST_DOUBT = 10.0
-#: Times that a direction is found again from clicks that are a little off, for its confidence.
-RESAMPLES = 40
+#: Times that a direction is found again from clicks that are a little off, for its confidence: by windows and by shadows;
+#: and where that must be quick.
+RESAMPLES, QUICK = (40, 200), (0, 6)
 
 
 def is_sun(light: Light) -> bool:
@@ -33,17 +34,19 @@ def stated_at(name: str, light: Light, settings) -> tuple[str, ...]:
     return "lights", name
 
 
-def described_sun(name: str, light: Light, camera: Camera, settings, resamples: int = RESAMPLES) -> dict[str, Any]:
+def described_sun(name: str, light: Light, camera: Camera, settings, resamples: tuple[int, int] = RESAMPLES,
+                  near: np.ndarray | None = None) -> dict[str, Any]:
     """Direction in which a placed sun's light travels, and what is worth reporting of it.
 
-    settings: the estimator of sun directions. Raises InputError where nothing tells the direction, or it cannot be.
+    settings: the estimator of sun directions. resamples: RESAMPLES or QUICK. near (3,): a direction that
+    was found for nearly the same windows and patches. Raises InputError where nothing tells the direction, or it cannot be.
     """
     if light.direction is not None:
         found = _given(name, light)
     elif isinstance(light, Sunlight):
-        found = _over_open_ground(name, camera, settings)
+        found = _over_open_ground(name, camera, settings, resamples[1])
     else:
-        found = _through_windows(name, light, camera, settings, resamples)
+        found = _through_windows(name, light, camera, settings, resamples[0], near)
     if isinstance(light, Sun):
         shafts(light.model_copy(update={"direction": found["sun_direction"]}))
     return found
@@ -66,14 +69,14 @@ def _given(name: str, light: Sun | Sunlight) -> dict:
     return {"sun_direction": light.direction, "status": "given", "messages": []}
 
 
-def _through_windows(name: str, sun: Sun, camera: Camera, settings, resamples: int) -> dict:
+def _through_windows(name: str, sun: Sun, camera: Camera, settings, resamples: int, near) -> dict:
     if settings.type != "window_patches":
         raise InputError(f"{name}: {settings.type} knows no windows",
                          remedy="choose sun_direction type window_patches, or give the light a 'direction'")
     openings = [Opening(key, o.window.polygon, [(p.polygon, None) for p in o.patches])
                 for key, o in sun.openings.items()]
     estimate = estimate_sun_direction(camera, openings, starts=settings.starts, seed=settings.seed,
-                                      noise=settings.annotation_noise, resamples=resamples)
+                                      noise=settings.annotation_noise, resamples=resamples, near=near)
     if estimate.status == "impossible":
         raise InputError(f"no sun direction explains the patches: {'; '.join(estimate.messages)}",
                          remedy="correct the window and patch polygons, or give the light a 'direction'")
@@ -85,7 +88,7 @@ def _through_windows(name: str, sun: Sun, camera: Camera, settings, resamples: i
         "alternatives": list(estimate.alternatives), "messages": [*estimate.messages, *estimate.notes]}
 
 
-def _over_open_ground(name: str, camera, settings) -> dict:
+def _over_open_ground(name: str, camera, settings, trials: int) -> dict:
     if settings.type == "window_patches":
         raise InputError(f"{name}: window_patches knows no open ground",
                          remedy="choose sun_direction type cast_shadow or solar_position, or give the light a"
@@ -96,7 +99,7 @@ def _over_open_ground(name: str, camera, settings) -> dict:
         return {"sun_direction": found.direction, "status": "determined", "messages": found.messages,
                 "elevation_degree": found.elevation, "azimuth_from_north_degree": found.azimuth}
     found = direction_from_shadows(camera, [(s.foot, s.tip, s.shadow) for s in settings.shadows],
-                                   settings.annotation_noise, settings.seed)
+                                   settings.annotation_noise, settings.seed, trials)
     doubt = []
     if not found.agree:
         worst = int(np.argmax(found.residuals))

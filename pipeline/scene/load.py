@@ -294,9 +294,15 @@ def _complaint(error: ValidationError, text: SceneText, model: type[Model]) -> I
 
 
 def complaints(error: ValidationError, values: dict[str, Any], model: type[Model]) -> list[tuple[Keys, str, str, bool]]:
-    """All mistakes: keys of where each stands, what is wrong, what to do, and whether it is only that something is missing."""
-    return [(where, *_said(where, problems, values, model), problems[0]["type"] == "missing")
-            for where, problems in _by_place(error, values).items()]
+    """All mistakes: keys of where each stands, what is wrong, what to do, and whether it is only that something is missing,
+    whose keys those would be."""
+    found = []
+    for where, problems in _by_place(error, values).items():
+        missing = [problem for problem in problems if problem["type"] == "missing"]
+        found += [((*where, one["loc"][-1]), *_said(where, [one], values, model), True) for one in missing]
+        if others := [problem for problem in problems if problem["type"] != "missing"]:
+            found.append((where, *_said(where, others, values, model), False))
+    return found
 
 
 def _by_place(error: ValidationError, values: dict[str, Any]) -> dict[Keys, list[dict]]:

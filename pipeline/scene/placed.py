@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydantic import ValidationError
 
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
+from pipeline.geometry.meshes import nearest_triangles
 from pipeline.plugins.base import FARTHEST, Exporter, Light, Medium, Shape, World
 
 
@@ -67,6 +69,32 @@ class PlacedScene:
         """(SHAPE.FACE, (n, 3) [m]) in the order of their indices."""
         return [(f"{name}.{face}", corners) for name, shape in self.shapes.items()
                 for face, corners in shape.faces().items()]
+
+    def first_hit(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance [m] to the first thing that rays (k, 3) from `origin` (3,) meet, inf for none, and the index of its face
+        among `faces()`, -1 for none."""
+        (vertices, triangles, owner), others = self._solids
+        distance, which = nearest_triangles(origin, directions, vertices, triangles)
+        face = np.where(which >= 0, owner[which], -1) if len(owner) else which
+        for first, shape in others:
+            found, index = (one[0] for one in shape.intersect(origin, directions[None]))
+            closer = found < distance
+            distance, face = np.where(closer, found, distance), np.where(closer, index + first, face)
+        return distance, face
+
+    @cached_property
+    def _solids(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], list[tuple[int, Shape]]]:
+        """Vertices, triangles and their faces' indices of all meshes as one, and the other shapes with their first face."""
+        vertices, triangles, owner, others, first = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros(0, int)], [], 0
+        for shape in self.shapes.values():
+            if shape.type == "mesh":
+                triangles.append(np.asarray(shape.triangles) + sum(map(len, vertices)))
+                vertices.append(np.asarray(shape.vertices, float))
+                owner.append(np.full(len(shape.triangles), first))
+            else:
+                others.append((first, shape))
+            first += len(shape.faces())
+        return (np.concatenate(vertices), np.concatenate(triangles), np.concatenate(owner)), others
 
     def extent(self) -> float:
         """Radius [m] round the camera that holds everything."""

@@ -18,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.imaging.atomic import replacing
 from pipeline.imaging.colour import srgb_to_linear
 from pipeline.imaging.display import FLOAT_KINDS, display_exposure, displayed, shrunk, write_png
-from pipeline.imaging.maps import read_map, write_map
+from pipeline.imaging.maps import read_map, read_metadata, write_map
 from pipeline.imaging.photograph import averaged
 from pipeline.imaging.strip import WIDEST, strip
 from pipeline.paths import Build
@@ -29,6 +29,7 @@ from pipeline.plugins.baseline import EFFECTS, ClearView, Foggy, OtherFog, Wante
 from pipeline.reporting.compared import compared_page
 from pipeline.reporting.manifest import stage_seconds
 from pipeline.scene.artefacts import image_camera, read_fog, read_json, read_placed
+from pipeline.scene.truths import is_of
 
 OURS = "ours"
 COLUMNS = ("method", "title", "seconds", "rmse", "rmse_clipped_all_pixels", "times_ours", *EFFECTS, "parameters", "note")
@@ -80,15 +81,18 @@ def _ours(build: Build) -> np.ndarray:
 
 def _truth(build: Build) -> tuple[np.ndarray | None, str]:
     """The true foggy picture (h, w, 3) or None, and a line on it."""
-    if not build.truth.exists():
-        return None, f"no ground truth; where the project carries a model: make truth scene={build.scene}" + (
-            f" fog={build.fog}" if build.fog else "")
-    facts = read_json(build.truth.with_suffix(".json"))
-    if facts["fog"] != read_json(build.input("fog")):
-        return None, f"{build.truth} is of another fog: make truth makes it anew"
     if any(gain != 1 for gain in read_json(build.input("gains")).values()):
         return None, "lights have gains other than 1, of which there is no ground truth"
-    return read_map(build.truth).astype(float), facts["about"]
+    if build.truth.exists():
+        facts = read_json(build.truth.with_suffix(".json"))
+        if facts["fog"] == read_json(build.input("fog")):
+            return read_map(build.truth).astype(float), facts["about"]
+        return None, f"{build.truth} is of another fog: make truth makes it anew"
+    carried = build.carried_truth
+    if carried.exists() and is_of(carried, read_fog(build)):
+        return read_map(carried).astype(float), f"ground truth that the scene carries: {read_metadata(carried)['fog:content'].rpartition('; ')[2]}"
+    return None, f"no ground truth; where the project carries a model: make truth scene={build.scene}" + (
+        f" fog={build.fog}" if build.fog else "")
 
 
 def _wanted(truth: np.ndarray | None, ours: np.ndarray, counted: np.ndarray) -> Wanted:

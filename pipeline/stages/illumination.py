@@ -16,6 +16,7 @@ from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.rendering.daylight import daylight
 from pipeline.rendering.emit import Templates
+from pipeline.rendering.enclosed import write_surroundings
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
 from pipeline.rendering.work import refuse_too_much
@@ -29,7 +30,8 @@ BULB_BORDER = 3
 def run(build: Build) -> None:
     scene = read_placed(build)
     settings = plugin_from_json("estimators", read_json(build.input("illumination")))
-    if not read_json(build.input("demand"))["light_strengths"]:
+    demand = read_json(build.input("demand"))
+    if not demand["light_strengths"]:
         return _without_fog(build)
     templates = Templates(build.source)
     wanted = [irradiance_run(scene, light) for light in filter(scene.rendered, scene.lights)]
@@ -72,8 +74,9 @@ def run(build: Build) -> None:
     for message in report["messages"]:
         print(f"  note: {message}", file=sys.stderr)
     _write_albedo(build, albedo)
+    around = write_surroundings(build, scene, _lamps(build, scene), demand.get("surroundings", 1.0))
     # last: Make looks at it
-    write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos})
+    write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos, "surroundings": around})
 
 
 def _without_fog(build: Build) -> None:
@@ -107,13 +110,18 @@ def _by_means(build: Build, scene: PlacedScene, names: list[str]) -> tuple[dict[
 def _mean_radiance(build: Build, scene: PlacedScene, which: str) -> np.ndarray | None:
     """Mean radiance (3,) of the photograph's surfaces, lamps and sky left out, or of those that face up."""
     surfaces, geometry = read_map(build.surfaces), read_json(build.geometry)
-    chosen = (surfaces[..., 1] < 0) & ~_bulbs(scene)
+    chosen = ~_lamps(build, scene)
     if geometry["outdoors"]:
         chosen &= surfaces[..., 0] >= 0
     if which == "ground":
         chosen &= np.isin(surfaces[..., 0], geometry.get("ground_faces", []))
     photograph = np.maximum(read_map(build.photograph), 0)
     return photograph[chosen].mean(0, dtype=float) if chosen.any() else None
+
+
+def _lamps(build: Build, scene: PlacedScene) -> np.ndarray:
+    """Pixels (H, W) that show lamps."""
+    return (read_map(build.surfaces)[..., 1] >= 0) | _bulbs(scene)
 
 
 def _bulbs(scene: PlacedScene) -> np.ndarray:

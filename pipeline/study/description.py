@@ -141,7 +141,7 @@ def _stimulus(text: SceneText, group: str, name: str, described: StimulusDescrip
             raise InputError(f"{group}.{name}: real = '{described.real}': no such file in {text.path.parent}",
                              place=text.place((group, name, "real")), remedy="correct its name, or put the photograph there")
     else:
-        other = build.study_truth
+        other = build.carried_truth
         if not other.is_file():
             raise InputError(f"{group}.{name}: no rendered truth {other}", place=text.place((group, name, "truth")),
                              remedy=f"run: make study-truth scene={build.scene} fogs={build.fog or 'default'}, for a scene whose"

@@ -17,10 +17,11 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.imaging import photograph as photographs
 from pipeline.imaging.display import FLOAT_KINDS, display_exposure, displayed, write_png
-from pipeline.imaging.maps import read_map, read_metadata
+from pipeline.imaging.maps import read_map
 from pipeline.imaging.strip import A_ROW, strip
 from pipeline.paths import Build
 from pipeline.scene.artefacts import read_json
+from pipeline.scene.truths import is_of
 from pipeline.study.description import TRUTH, Stimulus, Study
 
 #: Longer side [pixel] of what is shown, at most.
@@ -29,8 +30,6 @@ LONGEST = 900
 PANEL = 520
 #: By how much the sides' ratio of a real photograph may differ from that of the clear one.
 RATIO = 0.01
-#: By how much the fog of a rendered truth may differ: its coefficients are stored as float32.
-SAME_FOG = 1e-5
 
 
 @dataclass(frozen=True)
@@ -76,12 +75,7 @@ def _truth(stimulus: Stimulus, size: tuple[int, int]) -> np.ndarray:
     """A rendered truth of just this fog and this photograph's pixels."""
     build = stimulus.build
     remake = f"run: make study-truth scene={build.scene} fogs={stimulus.fog}"
-    metadata = read_metadata(stimulus.other)
-    stated = [metadata.get(f"fog:{name}_coefficient_per_m", np.nan) for name in ("absorption", "scattering")]
-    stated.append(metadata.get("fog:asymmetry", np.nan))
-    wanted = [*stimulus.medium.coefficients(), getattr(stimulus.medium.phase(), "asymmetry", 0.0)]
-    same = all(np.allclose(one, other, rtol=SAME_FOG, atol=1e-9) for one, other in zip(stated, wanted))
-    if stimulus.medium.type != "homogeneous" or not same:
+    if not is_of(stimulus.other, stimulus.medium):
         raise InputError(f"{stimulus.name}: {stimulus.other} is the truth of another fog than '{stimulus.fog}' is now",
                          place=stimulus.place, remedy=remake)
     values = read_map(stimulus.other)

@@ -23,6 +23,7 @@ import numpy as np
 from scipy import ndimage
 
 from pipeline.imaging.maps import read_map
+from pipeline.imaging.photograph import averaged
 from pipeline.paths import INCLUDES
 from pipeline.plugins.base import Medium
 from pipeline.rendering.emit import Templates
@@ -55,10 +56,13 @@ def in_fog(model: Model, medium: Medium | None, quality: Quality = Quality()) ->
     """(h, w, 3), linear, photo unit: the model's photograph in this fog, averaged over pixels; the clear one without."""
     scale = quality.size / max(model.camera.width, model.camera.height)
     width, height = (max(1, round(n * scale)) for n in (model.camera.width, model.camera.height))
-    total = np.zeros((height, width, 3))
+    total, groups = np.zeros((height, width, 3)), []
     with tempfile.TemporaryDirectory(prefix="truth-") as folder:
         for group in model.groups:
-            total += _Group(model, group, medium, quality, Path(folder), (width, height)).seen()
+            groups.append(_Group(model, group, medium, quality, Path(folder), (width, height)))
+            total += groups[-1].seen()
+        if medium is not None and model.photograph is not None:
+            total += groups[0].smoothed(in_fog(model, None, quality))
     return total
 
 
@@ -95,6 +99,15 @@ class _Group:
             picture += self._scattered(glow[1])
         width, height = self.size
         return picture.reshape(height, self.quality.rays, width, self.quality.rays, 3).mean((1, 3))
+
+    def smoothed(self, clear: np.ndarray) -> np.ndarray:
+        """(h, w, 3) to add to the foggy picture, whose few rays a pixel miss what is fine: what the clear one by the same rays
+        (h, w, 3) lacks of the photograph, as far as fog before it lets that through. Nothing on average."""
+        width, height = self.size
+        through = np.exp(-self.medium.optical_depth(self.camera.position, self.camera.position + self._depth()[..., None]
+                                                    * self.camera.directions(self.camera.pixel_centres())))
+        mean = through.reshape(height, self.quality.rays, width, self.quality.rays, 3).mean((1, 3))
+        return mean * (averaged(read_map(self.model.photograph).astype(float), self.size) - clear)
 
     def _light_in_fog(self) -> tuple[np.ndarray, np.ndarray]:
         """What arrives at the points, evenly weighted and by the phase function towards the eye, each (points, 3)."""

@@ -1,14 +1,16 @@
 """Ground truth for `make compare`: the model of a scene that the project carries, in one of its fogs.
 
-    python -m tests.validation.ground_truth        scene, fog and folders as the pipeline's: FOG_SCENE, FOG_NAME, ...
+    python -m tests.validation.ground_truth [--carry]        scene, fog and folders as the pipeline's: FOG_SCENE, FOG_NAME, ...
 
 writes truth.exr and truth.json beside the scene's foggy photograph, of the fog that it was resolved with. Only POV-Ray is run,
 on the project's own models, whatever the scene's folder holds. In the environment: FOG_TRUTH_SIZE, pixels of the longer side.
+With --carry it is also put into the scene's folder, as truth/FOG.exr, where `make compare` finds it.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import sys
 import time
@@ -16,8 +18,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.imaging.maps import write_map
-from pipeline.paths import Build
+from pipeline.imaging.maps import read_map, write_map
+from pipeline.paths import PROJECT, Build
 from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, scene_place, write_json
 from tests.validation import foggy_model, models
 from tests.validation.foggy_model import Quality, in_fog
@@ -34,7 +36,10 @@ def main() -> int:
     try:
         build = Build(os.environ.get("FOG_SCENE", ""), os.environ.get("FOG_NAME") or None,
                       Path(os.environ.get("FOG_SCENES", "scenes")), Path(os.environ.get("FOG_BUILD", "build")))
-        print(f"done: {write(build, Quality(size=_size()))}")
+        path = write(build, Quality(size=_size()))
+        print(f"done: {path}")
+        if "--carry" in sys.argv[1:]:
+            print(f"done: {_carried(build, path)}")
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -62,6 +67,15 @@ def write(build: Build, quality: Quality) -> Path:
     about = IN_THE_OPEN if all(group.clear for group in model.groups) else ABOUT
     write_json(path, {**facts, "about": about, "seconds": round(time.monotonic() - start, 1)})
     return build.truth
+
+
+def _carried(build: Build, path: Path) -> Path:
+    """The truth, in half floats, in the scene's folder."""
+    sys.path.insert(0, str(PROJECT / "scenes"))
+    import in_fog
+
+    method = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["about"].removeprefix("ground truth: ")
+    return in_fog.write_truth(build.source, in_fog.fog(build.source, build.fog or "default"), read_map(path), method)
 
 
 def _digest(folder: Path) -> str:

@@ -50,6 +50,12 @@ class Model:
     quick: dict[str, float] = field(default_factory=dict)
     farthest: float = 60.0
 
+    @property
+    def photograph(self) -> Path | None:
+        """The model's own photograph, linear and without a camera's noise, where there is one."""
+        path = self.file.parents[1] / "photograph.exr"
+        return path if path.exists() else None
+
 
 def _known(scene: str) -> dict:
     return json.loads((SCENES / scene / "truth.json").read_text(encoding="utf-8"))

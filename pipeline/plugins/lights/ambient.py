@@ -22,7 +22,10 @@ class Ambient(Light):
     strength_name = "radiance"
     rendered = "never"
     light_source = False
+    comes_from = "all"
     radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
+    unobstructed: bool = parameter(
+        False, description="true: the same from all sides in the open air too; else there it comes from ground and things alone")
 
     def placed(self, name, world):
         return self

@@ -21,8 +21,10 @@ class Ground(Light):
     strength_name = "radiance"
     rendered = "never"
     light_source = False
+    comes_from = "below"
     radiance: Colour | None = parameter(
         None, "photo unit", description="the mean of the photograph's ground when left out")
+    unobstructed: bool = parameter(False, description="true: upright things hide nothing of it from the fog")
 
     def placed(self, name, world):
         return self

@@ -21,7 +21,11 @@ class Sky(Light):
     strength_name = "radiance"
     rendered = "never"
     light_source = False
+    comes_from = "above"
     radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
+    unobstructed: bool = parameter(
+        False, description="true: the fog sees all of it, as in the paper; else upright things hide it in the open air and"
+                           " throw back what the photograph shows of them")
 
     def placed(self, name, world):
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ class Mesh(Shape):
 
     def faces(self):
         """One: the rectangle round all vertices in the plane nearest to them."""
-        points = np.asarray(self.vertices, float)
+        points = self._arrays[0]
         centre = points.mean(0)
         axes = np.linalg.svd(points - centre, full_matrices=False)[2][:2]
         low, high = ((points - centre) @ axes.T).min(0), ((points - centre) @ axes.T).max(0)
@@ -44,8 +45,12 @@ class Mesh(Shape):
         corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
         return {"surface": centre + corners @ axes}
 
+    @cached_property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.asarray(self.vertices, float), np.asarray(self.triangles)
+
     def intersect(self, origin, directions):
-        distance = mesh_hits(origin, directions, np.asarray(self.vertices), np.asarray(self.triangles))
+        distance = mesh_hits(origin, directions, *self._arrays)
         return distance, np.where(np.isfinite(distance), 0, -1)
 
     def statement(self) -> dict[str, Any]:

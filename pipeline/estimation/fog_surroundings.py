@@ -1,0 +1,128 @@
+"""What the fog before a photograph sees round it: at points along eye rays, which of sky and ground is hidden, and by what.
+
+Sky and ground light fog from all sides (Zhao et al. 2013, eq. 6, takes the sky's half of the sphere as free). Between
+houses fog sees half of the sky, and for the rest the houses.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.estimation.surroundings import Surroundings
+from pipeline.geometry.camera import Camera
+from pipeline.side_by_side import side_by_side
+
+#: Rays along the photograph's longer side, points along each of them at most, and directions from each point.
+LONGER, ALONG, DIRECTIONS = 10, 8, 200
+#: How much denser directions are ahead: the asymmetry of the function that they follow.
+CONCENTRATION = 0.5
+#: The nearest point [m], as a share of the farthest.
+NEAREST = 0.02
+#: A direction averages squares of this share of the photograph's longer side.
+AVERAGED = 24
+#: Pairs of direction and triangle that may be tried: a few seconds. Where triangles are many, points are fewer.
+MOST_PAIRS = 60_000_000
+FEWEST_POINTS = 24
+#: Share of a ray's depth behind which its points lie in what it ends at.
+BEFORE = 0.98
+#: Share of what is shown beyond which nothing counts as standing round the fog.
+FARTHEST_SHARE = 0.995
+SKY, GROUND, THING = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class FogSurroundings:
+    """distances (k,) [m] of points along a grid of (h, w) rays; directions (d, 3) and the solid angles (d,) [sr] that they
+    stand for.
+
+    kind (h, w, k, d): SKY, GROUND or THING, whichever a point sees in a direction; radiance (h, w, k, d, 3): of ground and
+    things, 0 of the sky.
+    """
+
+    distances: np.ndarray
+    kind: np.ndarray
+    radiance: np.ndarray
+    directions: np.ndarray
+    solid_angles: np.ndarray
+
+    def sky_seen(self) -> float:
+        """Share of the sky that the points see on average."""
+        above = self.directions[:, 1] > 0
+        return float(((self.kind[..., above] == SKY) @ self.solid_angles[above]).mean() / self.solid_angles[above].sum())
+
+
+def about(axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions (count, 3) all over the sphere, denser about `axis` (3,), and their solid angles (count,) [sr].
+
+    Fog scatters forward: what stands behind it, as the eye sees it, counts most. Their density is that of Henyey and
+    Greenstein's phase function.
+    """
+    g, index = CONCENTRATION, np.arange(count) + 0.5
+    cosine = (1 + g * g - ((1 - g * g) / (1 + g - 2 * g * index / count)) ** 2) / (2 * g)
+    density = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
+    turn, across = index * np.pi * (3 - np.sqrt(5)), np.sqrt(1 - cosine**2)
+    u = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    return (np.outer(across * np.cos(turn), u) + np.outer(across * np.sin(turn), v) + np.outer(cosine, axis),
+            1 / (count * density))
+
+
+def axis_of(camera: Camera) -> np.ndarray:
+    """Unit direction (3,) to the middle of the picture."""
+    return camera.directions(np.array([camera.width / 2, camera.height / 2]))
+
+
+def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], triangles: int, share: float = 1.0
+                     ) -> FogSurroundings | None:
+    """Of the fog before a photograph; None where nothing stands round it.
+
+    ground: indices of faces that the fog's light from below comes from. triangles: of all that rays are tried on.
+    share: of the rays and points along each of them that are taken at most.
+    """
+    depth, face = around.depth, around.face
+    standing = depth[(face >= 0) & ~np.isin(face, ground) & np.isfinite(depth)]
+    if not standing.size:
+        return None
+    farthest = float(np.quantile(standing, FARTHEST_SHARE))
+    # fewer rays and points alike, where each costs more
+    share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (LONGER * LONGER * ALONG)) ** (1 / 3))
+    side, along = max(3, round(share * LONGER)), max(3, round(share * ALONG))
+    longer = max(camera.width, camera.height)
+    width, height = (max(2, round(side * n / longer)) for n in (camera.width, camera.height))
+    small = camera.resized(width, height)
+    rays, ends = small.directions(small.pixel_centres()), _farthest_of_cells(depth, height, width)
+    distances = np.geomspace(NEAREST * farthest, farthest, along)
+    directions, solid_angles = about(axis_of(camera), DIRECTIONS)
+    rising = directions[:, 1] > 0
+    open_plain = np.where(rising, SKY, GROUND)
+    level = around.mean_of(ground)
+    kind = np.broadcast_to(open_plain, (height, width, along, DIRECTIONS)).copy()
+    radiance = np.where(kind[..., None] == GROUND, level, 0)
+    known = distances < BEFORE * ends[..., None]
+
+    def seen_from(at: tuple[int, int, int]) -> None:
+        look = around.look(camera.position + distances[at[2]] * rays[at[:2]], directions, longer / AVERAGED)
+        met, level_met = look.face >= 0, np.isin(look.face, ground)
+        if (look.face[0] >= 0 and (look.face == look.face[0]).all()) or level_met[rising].mean() > 0.5:
+            known[at] = False  # within something solid, or below the ground
+            return
+        # ground that rises before a point hides the sky
+        kind[at] = np.where(met, np.where(level_met & ~rising, GROUND, THING), open_plain)
+        radiance[at] = np.where(met[:, None], look.radiance, radiance[at])
+
+    deque(side_by_side(seen_from, zip(*np.nonzero(known))), maxlen=0)
+    # behind what a ray meets lies no fog that it sees: what its neighbours see there goes on from the last point before it
+    for k in range(1, along):
+        gone = ~known[..., k]
+        kind[gone, k], radiance[gone, k] = kind[gone, k - 1], radiance[gone, k - 1]
+    return FogSurroundings(distances, kind, radiance, directions, solid_angles)
+
+
+def _farthest_of_cells(depth: np.ndarray, height: int, width: int) -> np.ndarray:
+    """(height, width) [m]: the farthest that each cell of a grid shows."""
+    rows, columns = (np.linspace(0, n, m + 1).astype(int)[:-1] for n, m in zip(depth.shape, (height, width)))
+    return np.maximum.reduceat(np.maximum.reduceat(depth, rows, 0), columns, 1)
