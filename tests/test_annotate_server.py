@@ -443,7 +443,7 @@ def test_killed_while_it_saves(tmp_path):
     """What was said to be saved is there or newer, whole, and no half file lies about."""
     scenes = scenes_with(tmp_path, "bathroom")
     path = scenes / "bathroom/scene.yaml"
-    for round in range(4):
+    for round in range(3):
         process = subprocess.Popen([sys.executable, "-c", WRITER.format(project=str(PROJECT), path=str(path))], stdout=subprocess.PIPE,
                                    text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
         said = 0

@@ -172,6 +172,13 @@ function nextPoint(by) {
 const KEYS = { Enter: { do: "finish" }, Escape: { do: "cancel" }, Delete: { do: "delete" }, Backspace: { do: "delete" }, n: { do: "here" },
   i: { do: "insert" }, ",": { do: "walk", by: -1 }, ".": { do: "walk", by: 1 } };
 document.addEventListener("keydown", (event) => {
+  if (model && (event.key === "Enter" || event.key === "Escape") && event.target.matches("aside input[type=text]")) {
+    if (event.key === "Escape") event.target.value = event.target.defaultValue;
+    event.target.blur();  // which sends what was typed; keys then draw again
+    stage.focus({ preventScroll: true });
+    event.preventDefault();
+    return;
+  }
   if (!model || event.target.closest("input:not([type=range]), select, textarea, dialog[open]")) return;
   const key = event.key, low = key.length === 1 ? key.toLowerCase() : key;
   if (event.target.closest("button, summary") && (key === "Enter" || key === " ")) return;

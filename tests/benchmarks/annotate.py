@@ -78,7 +78,7 @@ def main() -> None:
                 person.choose(boxes[0])
                 name, corner = next(iter(served.data()["shapes"][boxes[0]]["corners"].items()))
                 person.until("() => Bokeh.documents[0].get_model_by_name('handles').data.x.length > 0")
-                print(told(f"  {boxes[0]}'s corner", geometry(person, tuple(corner), side / 250, CHANGES)), flush=True)
+                print(told(f"  {boxes[0]}'s corner", geometry(person, tuple(corner), side / 40, CHANGES)), flush=True)
             person.leave()
             served.end()
         browser.close()
