@@ -314,8 +314,8 @@ def _annotate(options) -> None:
         import bokeh  # noqa: F401
     except ModuleNotFoundError:
         raise InputError("Bokeh, which the page is made with, is not installed", place="this machine", remedy="run: make setup-annotate") from None
-    from pipeline.annotate.new_scene import new_scene
-    from pipeline.annotate.server import serve
+    from pipeline.annotate.written.new_scene import new_scene
+    from pipeline.annotate.page.server import serve
 
     if options.photo:
         print(f"new: {new_scene(options.scenes, options.scene, Path(options.photo))}")

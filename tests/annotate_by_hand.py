@@ -95,7 +95,6 @@ def _call(person: Person, name: str, place: tuple) -> None:
     person.page.wait_for_selector("#rename")
     person.page.fill("#rename", name)
     person.page.press("#rename", "Enter")
-    person.page.evaluate("document.activeElement.blur()")
 
     def there(data) -> bool:
         for key in place:

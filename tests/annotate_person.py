@@ -131,7 +131,7 @@ class Person:
         else:
             control.fill(value)
             control.press("Enter")
-            control.evaluate("one => one.blur()")
+            self.until("() => document.activeElement.id === 'stage'")
 
     def choose(self, text: str) -> None:
         """By its name in the list."""

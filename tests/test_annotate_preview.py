@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from pipeline.annotate import drafting
-from pipeline.annotate.preview import Preview
-from pipeline.annotate.scaled import scaled
-from pipeline.annotate.sliders import altered
+from pipeline.annotate.preview import drafting
+from pipeline.annotate.preview.preview import Preview
+from pipeline.annotate.preview.scaled import scaled
+from pipeline.annotate.preview.sliders import altered
 from pipeline.errors import InputError
 from pipeline.plugins.media.homogeneous import Homogeneous
 from pipeline.scene.depth_section import DepthSection

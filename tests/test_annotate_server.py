@@ -17,10 +17,10 @@ import pytest
 pytest.importorskip("bokeh", reason="no Bokeh: make setup-annotate installs it")
 from bokeh.document import Document  # noqa: E402
 
-from pipeline.annotate.document import SceneDocument  # noqa: E402
-from pipeline.annotate.studio import Studio  # noqa: E402
-from pipeline.annotate.page import Page  # noqa: E402
-from pipeline.annotate.server import ADDRESS, Server  # noqa: E402
+from pipeline.annotate.written.document import SceneDocument  # noqa: E402
+from pipeline.annotate.page.studio import Studio  # noqa: E402
+from pipeline.annotate.page.page import Page  # noqa: E402
+from pipeline.annotate.page.server import ADDRESS, Server  # noqa: E402
 from tests.annotate_fixture import PROJECT, Loop, StillPreview, scenes_with  # noqa: E402
 
 TOKEN = "the-token"
@@ -173,7 +173,7 @@ def test_a_picture_of_too_many_pixels_is_refused_by_its_header(server):
 
 
 def test_an_upload_that_is_too_large(server, monkeypatch):
-    monkeypatch.setattr("pipeline.annotate.uploads.MOST_BYTES", 1000)
+    monkeypatch.setattr("pipeline.annotate.page.uploads.MOST_BYTES", 1000)
     assert ask(server, f"/{TOKEN}/upload?what=photograph&name=large", "POST", b"x" * 5000)[0] in (0, 400, 413)
     assert not (server.studio.scenes / "large").exists() and nothing_left(server)
 
@@ -424,8 +424,8 @@ WRITER = """
 import sys
 from pathlib import Path
 sys.path.insert(0, {project!r})
-from pipeline.annotate.desk import Desk
-from pipeline.annotate.document import SceneDocument
+from pipeline.annotate.page.desk import Desk
+from pipeline.annotate.written.document import SceneDocument
 from tests.annotate_fixture import Loop, StillPreview
 document = SceneDocument.open(Path({path!r}))
 desk = Desk(document, StillPreview(None, None, None), (512, 512), Loop().add_callback, lambda s, c: None)
@@ -443,7 +443,7 @@ def test_killed_while_it_saves(tmp_path):
     """What was said to be saved is there or newer, whole, and no half file lies about."""
     scenes = scenes_with(tmp_path, "bathroom")
     path = scenes / "bathroom/scene.yaml"
-    for round in range(4):
+    for round in range(3):
         process = subprocess.Popen([sys.executable, "-c", WRITER.format(project=str(PROJECT), path=str(path))], stdout=subprocess.PIPE,
                                    text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
         said = 0

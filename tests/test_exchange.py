@@ -13,13 +13,13 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from pipeline.annotate.document import SceneDocument
+from pipeline.annotate.written.document import SceneDocument
 from pipeline.annotate.exchange import coco, cvat, fspy_files, labelme
 from pipeline.annotate.exchange.drawings import Drawings
 from pipeline.annotate.exchange.exporting import drawings_of
 from pipeline.annotate.exchange.importing import import_file, read_file
 from pipeline.annotate.exchange.labels import KINDS
-from pipeline.annotate.new_scene import new_scene
+from pipeline.annotate.written.new_scene import new_scene
 from pipeline.cli import main
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera, rotation

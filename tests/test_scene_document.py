@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.annotate.document import Changed, SceneDocument
+from pipeline.annotate.written.document import Changed, SceneDocument
 from pipeline.errors import InputError
 from pipeline.scene.load import MAX_BYTES, load_scene, read_scene
 
@@ -403,7 +403,7 @@ def test_save_keeps_mode_and_link(room, tmp_path):
 KILLED = """
 import sys
 from pathlib import Path
-from pipeline.annotate.document import SceneDocument
+from pipeline.annotate.written.document import SceneDocument
 document = SceneDocument.open(Path(sys.argv[1]))
 print("opened", flush=True)
 while True:

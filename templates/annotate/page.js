@@ -1,7 +1,7 @@
 "use strict";
 // The annotation page in the browser: keys, which drags move a point and which the view, and panels as the server sends them.
 // Bokeh draws, zooms, pans, drags points and keeps the models below alike in browser and server; what a person does otherwise goes
-// to the server as a command in `wire.asked`, and what it means is decided there (pipeline/annotate/page.py).
+// to the server as a command in `wire.asked`, and what it means is decided there (pipeline/annotate/page/page.py).
 (() => {
 const $ = (id) => document.getElementById(id);
 const scene = document.body.dataset.scene, WIDTH = +document.body.dataset.width, HEIGHT = +document.body.dataset.height;
@@ -172,6 +172,13 @@ function nextPoint(by) {
 const KEYS = { Enter: { do: "finish" }, Escape: { do: "cancel" }, Delete: { do: "delete" }, Backspace: { do: "delete" }, n: { do: "here" },
   i: { do: "insert" }, ",": { do: "walk", by: -1 }, ".": { do: "walk", by: 1 } };
 document.addEventListener("keydown", (event) => {
+  if (model && (event.key === "Enter" || event.key === "Escape") && event.target.matches("aside input[type=text]")) {
+    if (event.key === "Escape") event.target.value = event.target.defaultValue;
+    event.target.blur();  // which sends what was typed; keys then draw again
+    stage.focus({ preventScroll: true });
+    event.preventDefault();
+    return;
+  }
   if (!model || event.target.closest("input:not([type=range]), select, textarea, dialog[open]")) return;
   const key = event.key, low = key.length === 1 ? key.toLowerCase() : key;
   if (event.target.closest("button, summary") && (key === "Enter" || key === " ")) return;

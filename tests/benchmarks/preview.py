@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 from ruamel.yaml import YAML
 
-from pipeline.annotate.preview import Preview
-from pipeline.annotate.sliders import altered
+from pipeline.annotate.preview.preview import Preview
+from pipeline.annotate.preview.sliders import altered
 from pipeline.plugins.registry import registry
 from tests.enlarged_scene import SCENES, enlarged_scene
 

@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from pipeline.annotate.document import SceneDocument
+from pipeline.annotate.written.document import SceneDocument
 from pipeline.annotate.exchange import fspy_files, labelme
 from pipeline.annotate.exchange.exporting import drawings_of
 from pipeline.annotate.exchange.importing import import_file

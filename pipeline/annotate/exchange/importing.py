@@ -8,11 +8,11 @@ from typing import Any
 
 import shapely
 
-from pipeline.annotate.document import SceneDocument
+from pipeline.annotate.written.document import SceneDocument
 from pipeline.annotate.exchange import coco, cvat, fspy_files, labelme
 from pipeline.annotate.exchange.drawings import Drawings, Drawn, content_of, json_of
 from pipeline.annotate.exchange.labels import Target, targets
-from pipeline.annotate.yaml_text import PIXEL_DIGITS
+from pipeline.annotate.written.yaml_text import PIXEL_DIGITS
 from pipeline.errors import InputError
 
 ACCEPTED = "an fSpy project (.fspy) or its exported JSON, labelme's or COCO's JSON, or CVAT's XML for images 1.1"

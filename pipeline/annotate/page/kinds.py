@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.annotate.new_scene import USUAL_ANGLE
-from pipeline.annotate.things import (
+from pipeline.annotate.written.new_scene import USUAL_ANGLE
+from pipeline.annotate.page.things import (
     BOX_CORNERS, LEAST, POST, ROOM_CORNERS, ROOM_EDGES, Form, Place, at, group, listed)
 
 #: Of a clicked patch: pixels of its radius in a photograph of this width; it grows with the photograph.

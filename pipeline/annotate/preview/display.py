@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pipeline.annotate.sliders import Maps
+from pipeline.annotate.preview.sliders import Maps
 from pipeline.imaging.display import displayed
 from pipeline.physics.composition import NEAR_WHITE, burnt_out
 from pipeline.physics.enlarging import FARTHER, NEAREST, centres

@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.annotate.placing import Placed
-from pipeline.annotate.problems import Parts
+from pipeline.annotate.preview.placing import Placed
+from pipeline.annotate.preview.problems import Parts
 from pipeline.errors import InputError
 from pipeline.geometry.boxes import AxisBox
 from pipeline.geometry.camera import Camera, yaw_pitch_roll

@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 
-from pipeline.annotate.display import Layers, Scenery
-from pipeline.annotate.picture import Picture
-from pipeline.annotate.placing import Placing
-from pipeline.annotate.problems import Parts
-from pipeline.annotate.scaled import scaled
+from pipeline.annotate.preview.display import Layers, Scenery
+from pipeline.annotate.preview.picture import Picture
+from pipeline.annotate.preview.placing import Placing
+from pipeline.annotate.preview.problems import Parts
+from pipeline.annotate.preview.scaled import scaled
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.enlarged_view import EnlargedView
 from pipeline.geometry.regions import RegionDepth, depth_of_regions

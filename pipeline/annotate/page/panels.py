@@ -8,9 +8,9 @@ from typing import Any
 
 import jinja2
 
-from pipeline.annotate import kinds
-from pipeline.annotate.fog_sliders import STEPS, sliders
-from pipeline.annotate.things import Place, Thing, at, group, listed
+from pipeline.annotate.page import kinds
+from pipeline.annotate.page.fog_sliders import STEPS, sliders
+from pipeline.annotate.page.things import Place, Thing, at, group, listed
 from pipeline.paths import TEMPLATES
 
 GROUPS = ["Camera", "Room and boxes", "Regions", "Lights", "Sun's direction", "Known colours and patches"]

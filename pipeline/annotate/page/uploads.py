@@ -70,7 +70,7 @@ class Upload(web.RequestHandler):
             self.finish({"error": str(error)})
 
     def _photograph(self, name: str) -> None:
-        from pipeline.annotate.new_scene import new_scene
+        from pipeline.annotate.written.new_scene import new_scene
 
         checked_name(name, "scene")
         path = self.path.with_suffix(_ending(self.path))

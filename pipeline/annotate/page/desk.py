@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.annotate.fog_sliders import stated
+from pipeline.annotate.page.fog_sliders import stated
 from pipeline.errors import InputError
 
 log = logging.getLogger(__name__)

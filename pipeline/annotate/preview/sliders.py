@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.annotate.drafting import Draft
+from pipeline.annotate.preview.drafting import Draft
 from pipeline.errors import InputError
 from pipeline.physics.composition import INDIRECT_SHARE
 from pipeline.physics.visibility import visibility

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from pipeline import chain
-from pipeline.annotate.picture import Picture
-from pipeline.annotate.placing import Placed
-from pipeline.annotate.problems import Parts
-from pipeline.annotate.scaled import scaled
+from pipeline.annotate.preview.picture import Picture
+from pipeline.annotate.preview.placing import Placed
+from pipeline.annotate.preview.problems import Parts
+from pipeline.annotate.preview.scaled import scaled
 from pipeline.errors import InputError
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.maps import write_map

@@ -13,7 +13,7 @@ from typing import Any
 
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from pipeline.annotate.yaml_text import WIDTH, block, entry, flow, item, wants_lines, word
+from pipeline.annotate.written.yaml_text import WIDTH, block, entry, flow, item, wants_lines, word
 
 #: Things of which later ones lie over, or stand on, earlier ones: their order is part of what is said.
 ORDERED = (("depth", "regions"), ("shapes",))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pipeline.annotate import kinds
-from pipeline.annotate.canvas import Picture, nearest_edge, nearest_thing
-from pipeline.annotate.desk import Desk
-from pipeline.annotate.things import Place, Thing, at, things
+from pipeline.annotate.page import kinds
+from pipeline.annotate.page.canvas import Picture, nearest_edge, nearest_thing
+from pipeline.annotate.page.desk import Desk
+from pipeline.annotate.page.things import Place, Thing, at, things
 from pipeline.errors import InputError
 
 #: Farthest from the photograph's corner that a point can be [pixel], as the scene file has it.

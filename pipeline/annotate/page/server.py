@@ -2,7 +2,7 @@
 
 Why Bokeh: of the toolkits with a server and without a build step it alone brings what drawing needs: a canvas that zooms, pans and
 pinches, points that are dragged by mouse and finger without a word to the server, and a live connection that keeps Python and
-browser alike. Its other packages are five small ones, Tornado the largest. Panel is Bokeh again with a dozen packages more, among
+browser alike. It brings six small packages, Tornado the chief of them. Panel is Bokeh again with some fifteen packages more, among
 them pandas, for widgets that we do not use. NiceGUI has the prettier widgets and forty packages, but an image with mouse events where
 zoom, pan, handles and touch would all be ours to write. Ours is now what Bokeh leaves open: which drag moves a point and which the
 view, keys, and panels of plain HTML (templates/annotate).
@@ -31,9 +31,9 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.routing import Router
 
-from pipeline.annotate.desk import LOOK_EVERY
-from pipeline.annotate.studio import Studio
-from pipeline.annotate.uploads import MOST_BYTES, Upload
+from pipeline.annotate.page.desk import LOOK_EVERY
+from pipeline.annotate.page.studio import Studio
+from pipeline.annotate.page.uploads import MOST_BYTES, Upload
 from pipeline.errors import InputError
 
 log = logging.getLogger(__name__)

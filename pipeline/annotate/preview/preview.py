@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.annotate.display import Display
-from pipeline.annotate.drafting import Cancelled, Drafting
-from pipeline.annotate.picture import Picture, Pictures
-from pipeline.annotate.placing import Placed, Placing
-from pipeline.annotate.problems import Parts, Place, Problem, checked
-from pipeline.annotate.scenery import sceneries
-from pipeline.annotate.shown import Shown, shown
-from pipeline.annotate.sliders import Sliders
+from pipeline.annotate.preview.display import Display
+from pipeline.annotate.preview.drafting import Cancelled, Drafting
+from pipeline.annotate.preview.picture import Picture, Pictures
+from pipeline.annotate.preview.placing import Placed, Placing
+from pipeline.annotate.preview.problems import Parts, Place, Problem, checked
+from pipeline.annotate.preview.scenery import sceneries
+from pipeline.annotate.preview.shown import Shown, shown
+from pipeline.annotate.preview.sliders import Sliders
 from pipeline.errors import InputError
 from pipeline.geometry.visibility import seen_along
 from pipeline.imaging.display import displayed

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.annotate.things import Place, at, group
+from pipeline.annotate.page.things import Place, at, group
 
 #: Steps of a slider.
 STEPS = 1000

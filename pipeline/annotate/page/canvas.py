@@ -14,7 +14,7 @@ from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.models import (
     ColumnDataSource, ImageURL, MultiLine, Patches, PanTool, Plot, PointDrawTool, Range1d, Scatter, Text, WheelZoomTool)
 
-from pipeline.annotate.things import COLOURS, Thing
+from pipeline.annotate.page.things import COLOURS, Thing
 
 #: How close to something a click must be [CSS pixel]; a finger needs more.
 REACH = 12

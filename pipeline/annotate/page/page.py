@@ -13,13 +13,13 @@ from bokeh.core.properties import Dict, Int, String
 from bokeh.events import DoubleTap, Press, Tap
 from bokeh.model import DataModel
 
-from pipeline.annotate import kinds, panels
-from pipeline.annotate.canvas import Picture
-from pipeline.annotate.desk import Desk
-from pipeline.annotate.drawing import Drawing
-from pipeline.annotate.fields import fields, fog_of_kind, typed
-from pipeline.annotate.fog_sliders import sliders
-from pipeline.annotate.things import Place, at
+from pipeline.annotate.page import kinds, panels
+from pipeline.annotate.page.canvas import Picture
+from pipeline.annotate.page.desk import Desk
+from pipeline.annotate.page.drawing import Drawing
+from pipeline.annotate.page.fields import fields, fog_of_kind, typed
+from pipeline.annotate.page.fog_sliders import sliders
+from pipeline.annotate.page.things import Place, at
 from pipeline.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -97,7 +97,8 @@ class Page(Drawing):
         except Exception:
             log.exception("a command failed")
             self.said = "that went wrong; the terminal says more"
-        self.draw({"chosen", "state"})
+        if work != self.on_slide:  # which changes nothing but the picture, and is waited for
+            self.draw({"chosen", "state"})
 
     # ---- commands ------------------------------------------------------------------------------
     def on_choose(self, command) -> None:
@@ -239,6 +240,12 @@ class Page(Drawing):
 
     # ---- what is shown -------------------------------------------------------------------------
     def draw(self, what: set[str]) -> None:
+        if "picture" in what and self.desk.picture is not None:
+            self.wire.picture = self.desk.picture_count
+            if self.desk.picture_count == 1:
+                self.wire.view = "fog"
+        if what == {"picture"}:
+            return
         every, chosen = self.things(), self.thing()
         if self.chosen is not None and at(self.data, self.chosen) is None:
             self.chosen = self.point = None
@@ -249,10 +256,6 @@ class Page(Drawing):
             self.picture.hold(self.draft, closed=False, chosen=self.point)
         else:
             self.picture.hold(chosen.points if chosen else [], chosen.names if chosen else (), bool(chosen and chosen.closed), self.point)
-        if "picture" in what and self.desk.picture is not None:
-            self.wire.picture = self.desk.picture_count
-            if self.desk.picture_count == 1:
-                self.wire.view = "fog"
         rendered = panels.render(self, every, chosen)
         if rendered != self.wire.panels:
             self.wire.panels = rendered

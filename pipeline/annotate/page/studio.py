@@ -6,13 +6,13 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.annotate.desk import Desk, photograph_picture
-from pipeline.annotate.document import SceneDocument
-from pipeline.annotate.html import page_template
-from pipeline.annotate.page import Page
-from pipeline.annotate.preview import Preview
-from pipeline.annotate.render_job import RenderJob
-from pipeline.annotate.things import at
+from pipeline.annotate.page.desk import Desk, photograph_picture
+from pipeline.annotate.written.document import SceneDocument
+from pipeline.annotate.page.html import page_template
+from pipeline.annotate.page.page import Page
+from pipeline.annotate.preview.preview import Preview
+from pipeline.annotate.page.render_job import RenderJob
+from pipeline.annotate.page.things import at
 from pipeline.errors import InputError
 from pipeline.paths import Build, inside
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pipeline.annotate.things import Place, at
+from pipeline.annotate.page.things import Place, at
 from pipeline.errors import InputError
 from pipeline.scene.model import json_schema
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.annotate.picture import stamp
-from pipeline.annotate.problems import Parts, Place, Problem
-from pipeline.annotate.scaled import scaled
+from pipeline.annotate.preview.picture import stamp
+from pipeline.annotate.preview.problems import Parts, Place, Problem
+from pipeline.annotate.preview.scaled import scaled
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.planes import Plane

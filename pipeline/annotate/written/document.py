@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Iterator
 
-from pipeline.annotate.edits import edited, unchanged
-from pipeline.annotate.yaml_text import count, numbers, plain, readable
+from pipeline.annotate.written.edits import edited, unchanged
+from pipeline.annotate.written.yaml_text import count, numbers, plain, readable
 from pipeline.errors import InputError, nearest
 from pipeline.imaging.atomic import replacing
 from pipeline.scene.fog_entry import FOG_NAME

@@ -1,0 +1,1 @@
+"""The page of `make annotate` and its server."""
