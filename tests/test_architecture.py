@@ -87,6 +87,17 @@ def test_nothing_below_knows_the_annotator():
         "pipeline.annotate", "pipeline.cli"}
 
 
+def test_rooms_of_annotate_know_what_lies_before_them():
+    """The scene as it is written and its preview know nothing of other programs' files, and none of them of the page."""
+    known = {"written": {"written"}, "preview": {"preview"}, "exchange": {"exchange", "written"},
+             "page": {"page", "preview", "exchange", "written"}}
+    for name in within("pipeline.annotate"):
+        room = [*name.split("."), ""][2]
+        for imported in imports(name) if room else ():
+            if imported.startswith("pipeline.annotate."):
+                assert imported.split(".")[2] in known[room], f"{name} imports {imported}"
+
+
 def test_no_module_imports_itself_round_about():
     graph = {name: {i for i in imports(name) if i in MODULES and i != name} for name in MODULES}
     TopologicalSorter(graph).prepare()  # raises CycleError, naming the cycle
