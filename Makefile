@@ -303,7 +303,7 @@ $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipel
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 # what the fog sees round it, where that is not the open plain
-around = $(if $(shell grep -s '"sky_seen"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
+around = $(if $(shell grep -s '"mean_radiance"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
 $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
@@ -391,6 +391,8 @@ ifneq ($(filter figures $(FIGURES)/%,$(goals)),)
 # of a scene that is not there nothing is made, and its figures say so
 $(BUILD)/%/report.html: FORCE | setup
 	@set -- $(subst /, ,$*); [ ! -d "$(SCENES)/$$1" ] || $(MAKE) -s --no-print-directory scene=$$1 fog=$${2:-}
+# made on the way to a figure, and kept: the next run looks at them
+.PRECIOUS: $(BUILD)/%/report.html $(BUILD)/%/compare/compare.csv
 $(FIGURES)/fig01.png: $(addprefix $(BUILD)/,bathroom/report.html building/report.html)
 $(FIGURES)/fig02.png $(FIGURES)/fig05.png $(FIGURES)/fig06.png: $(BUILD)/bathroom/report.html
 $(FIGURES)/fig07.png: $(BUILD)/building/report.html
@@ -407,7 +409,7 @@ $(FIGURES)/table1.png: $(foreach s,bathroom building,$(wildcard $(addprefix $(SC
   $(wildcard pipeline/*.py pipeline/stages/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/planning/*.py)
 $(BUILD)/validation/mse.csv: $(foreach s,cornell cornell_height,$(wildcard $(SCENES)/$s/scene.yaml)) $(templates) \
   $(wildcard tests/validation/*.py tests/reference/*.py pipeline/rendering/*.py pipeline/physics/*.py pipeline/plugins/lights/*.py) | setup
-	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants default
+	@OMP_NUM_THREADS=1 $(PY) -m tests.validation --only approximations --variants default --folder $(BUILD)/validation
 $(drawn): $(drawing) | $(FIGURES_READY)
 	@$(PY) -m pipeline figures --only $(basename $(@F))
 $(FIGURES)/figures.html: $(drawn) templates/figures.html
@@ -456,14 +458,14 @@ bench-full-size: setup
 bench-tolerances: setup
 	@$(PY) -m tests.benchmarks.tolerances --build $(BUILD)
 
-bench-annotate: setup setup-browser setup-annotate
-	@OMP_NUM_THREADS=1 $(PY) -m tests.benchmarks.annotate $(if $(scene),--scene $(scene))
-
 bench-match: setup
 	@$(PY) -m tests.benchmarks.matches
 
 bench-preview: setup
 	@$(PY) -m tests.benchmarks.preview --repeats $(repeats)
+
+bench-annotate: setup setup-browser setup-annotate
+	@OMP_NUM_THREADS=1 $(PY) -m tests.benchmarks.annotate $(if $(scene),--scene $(scene))
 
 bench-lamps: setup
 	@$(PY) -m tests.benchmarks.many_lamps
@@ -524,9 +526,9 @@ help:
 	@echo "  make bench-lamps         times 200 lamps against 10 in a megapixel, some minutes"
 	@echo "  make bench-full-size     times 24 megapixels against half a megapixel, with memory; some minutes"
 	@echo "  make bench-tolerances    whether every plan keeps what it was asked, over all scenes; takes long"
-	@echo "  make bench-annotate      times the annotation page: a slider, and a change of geometry, to the picture in a browser"
 	@echo "  make bench-preview       times the preview that a photograph's annotation shows, at a megapixel, and how far sliders are off"
 	@echo "  make bench-match         whether a match finds fogs that are known, whatever the exposure and white balance"
+	@echo "  make bench-annotate      times the annotation page: a slider, and a change of geometry, to the picture in a browser"
 	@echo "  make setup               only installs what is needed"
 	@echo "  make setup-mitsuba       installs Mitsuba 3 besides, for crosscheck"
 	@echo "  make setup-figures       installs matplotlib besides, for tradeoff's and the study's figures"

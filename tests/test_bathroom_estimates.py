@@ -15,7 +15,8 @@ SCENE = Path("scenes/bathroom")
 TRUTH = json.loads((SCENE / "truth.json").read_text())
 
 
-@pytest.mark.parametrize("photograph, tolerance", [("photograph.exr", 0.10), ("photograph.jpg", 0.25)])
+@pytest.mark.parametrize("photograph, tolerance", [
+    pytest.param("photograph.exr", 0.10, marks=pytest.mark.slow), ("photograph.jpg", 0.25)])
 def test_light_strengths(tmp_path, photograph, tolerance):
     """Within 10 % from the linear photograph, 25 % from the camera's JPEG with its burnt-out lamps."""
     build = Build("bathroom", None, Path("scenes"), tmp_path)

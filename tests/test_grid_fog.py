@@ -140,7 +140,8 @@ def test_paths_are_integrals_of_the_density():
     assert grid_of(blob()).top() == pytest.approx(1.5 + 0.075)
 
 
-@pytest.mark.parametrize("kind, count, steps", [("point", 120, {}), ("area", 80, {"steps": 120})])
+@pytest.mark.parametrize("kind, count, steps", [
+    ("point", 120, {}), pytest.param("area", 80, {"steps": 120}, marks=pytest.mark.slow)])
 def test_lamps_against_dense_integration(tmp_path, kind, count, steps):
     light = {**DESCRIBED[kind], "sub_lights": 5} if kind == "area" else DESCRIBED[kind]
     fog = {"type": "grid", "visibility": 10.0, "file": "cloud.npy", "lower": [-1.2, 0.2, -2.8],

@@ -30,7 +30,7 @@ def error_curves(scenes: Path, builds: Path, path: Path) -> None:
     for label, chosen, x in (
             ("absorption [1/m], scattering 0.1/m", [f for f in even if f[2] == 0.1], lambda f: f[1]),
             ("scattering [1/m], absorption 0.05/m", [f for f in even if f[1] == 0.05], lambda f: f[2]),
-            ("extinction on the floor [1/m], height fog", [f for f in fogs if f[0] == "height"], lambda f: f[1] + f[2])):
+            ("height fog: extinction below [1/m]", [f for f in fogs if f[0] == "height"], lambda f: f[1] + f[2])):
         chosen = sorted(chosen, key=x)
         names = [name for name in SHOWN if all(name in row for *_, row in chosen)]
         panels.append((label, [x(f) for f in chosen],

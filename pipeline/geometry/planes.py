@@ -228,3 +228,15 @@ def _crossing(points: np.ndarray, plane: Plane) -> str:
             if edges[i].intersects(edges[j]):
                 return f"(edge from point {i + 1} and edge from point {j + 1})"
     return "(an edge runs back along its neighbour)"
+
+
+def is_convex(corners: np.ndarray) -> bool:
+    """Whether a planar polygon (n, 3) turns one way at all corners."""
+    along = np.roll(corners, -1, 0) - corners
+    turns = np.cross(np.roll(along, 1, 0), along) @ polygon_area_vector(corners)
+    return bool((turns >= -1e-12 * np.abs(turns).max(initial=0)).all())
+
+
+def fan(count: int) -> np.ndarray:
+    """Triangles (count - 2, 3) of a convex polygon, as indices of its corners."""
+    return np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], -1)

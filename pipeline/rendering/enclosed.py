@@ -13,7 +13,7 @@ from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.physics import hidden_sky
 from pipeline.physics.airlight import clear_skylight
-from pipeline.plugins.base import Medium
+from pipeline.plugins.base import Light, Medium
 from pipeline.scene.artefacts import read_json
 from pipeline.scene.placed import PlacedScene
 
@@ -22,13 +22,21 @@ CONTENT = "what points in the fog (rows) see along directions (columns): radianc
 KINDS = "what points in the fog (rows) see along directions (columns): 0 sky, 1 ground, 2 things"
 
 
+def _asks(light: Light) -> bool:
+    """Whether things round the fog matter to it. An ambient radiance that a person states is what they say, everywhere."""
+    stated = light.comes_from == "all" and light.given_strength() is not None
+    return light.comes_from is not None and not light.unobstructed and not stated
+
+
 def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray, share: float = 1.0) -> dict | None:
     """Writes what the fog of a scene sees round it where a light asks for that; what `read_surroundings` needs, else None.
 
     lamps (H, W): pixels of the photograph that show lamps. share: as `fog_surroundings`.
     """
     found = None
-    if scene.outdoors and any(light.comes_from and not light.unobstructed for light in scene.lights.values()):
+    asking = [light for light in scene.lights.values() if _asks(light)]
+    # in a room what is reflected comes from its walls; a sky there is none of the open air's
+    if any(scene.outdoors or light.comes_from == "all" for light in asking):
         photograph = np.maximum(read_map(build.photograph).astype(float), 0)
         depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
         around = Surroundings(scene.camera, scene.first_hit, photograph, depth, face, lamps)
@@ -40,7 +48,8 @@ def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray, shar
         return None
     for path, values, content in ((build.surroundings, found.radiance, CONTENT), (build.surrounding_kinds, found.kind, KINDS)):
         write_map(path, values.reshape(-1, *values.shape[3:]), {"fog:content": content})
-    return {"rays": list(found.kind.shape[:2]), "distances_m": found.distances.tolist(), "sky_seen": found.sky_seen()}
+    return {"rays": list(found.kind.shape[:2]), "distances_m": found.distances.tolist(),
+            "sky_seen": found.sky_seen() if scene.outdoors else None, "mean_radiance": around.overall.tolist()}
 
 
 def read_surroundings(build: Build, camera: Camera) -> FogSurroundings | None:
@@ -64,11 +73,13 @@ class Enclosed:
     def __init__(self, build: Build, scene: PlacedScene, medium: Medium):
         self.scene, self.medium = scene, medium
         self.around = read_surroundings(build, scene.camera)
-        self.lights = read_json(build.illumination)["lights"]
+        illumination = read_json(build.illumination)
+        self.lights = illumination["lights"]
+        #: of all that the photograph shows: what an ambient light is estimated as
+        self.mean = np.asarray((illumination.get("surroundings") or {}).get("mean_radiance", (1, 1, 1)), float)
 
     def changes(self, light: str) -> bool:
-        one = self.scene.lights[light]
-        return self.around is not None and one.comes_from is not None and not one.unobstructed
+        return self.around is not None and _asks(self.scene.lights[light])
 
     def factor(self, light: str, camera: Camera, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Of the light's V, (h, w, 3), at `pixels` (h, w, 2) of `camera` whose rays end at depth (h, w) [m]."""
@@ -99,7 +110,7 @@ class Enclosed:
             own = clear_skylight(self.medium.phase(), rays[..., 1])[..., None] * strength
             return left if "ambient" in types else left + hidden_sky.instead(weight, things, own)
         return hidden_sky.instead(weight, things if "ground" in types else radiance,
-                                  np.broadcast_to(strength, (*rays.shape[:2], 3)))
+                                  np.broadcast_to(self.mean, (*rays.shape[:2], 3)))
 
 
 def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:

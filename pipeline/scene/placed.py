@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from pipeline.errors import InputError
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.meshes import nearest_triangles
+from pipeline.geometry.planes import fan, is_convex
 from pipeline.plugins.base import FARTHEST, Exporter, Light, Medium, Shape, World
 
 
@@ -73,9 +74,9 @@ class PlacedScene:
     def first_hit(self, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance [m] to the first thing that rays (k, 3) from `origin` (3,) meet, inf for none, and the index of its face
         among `faces()`, -1 for none."""
-        (vertices, triangles, owner), others = self._solids
+        vertices, triangles, owner, others = self._solids
         distance, which = nearest_triangles(origin, directions, vertices, triangles)
-        face = np.where(which >= 0, owner[which], -1) if len(owner) else which
+        face = owner[which]
         for first, shape in others:
             found, index = (one[0] for one in shape.intersect(origin, directions[None]))
             closer = found < distance
@@ -83,18 +84,27 @@ class PlacedScene:
         return distance, face
 
     @cached_property
-    def _solids(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], list[tuple[int, Shape]]]:
-        """Vertices, triangles and their faces' indices of all meshes as one, and the other shapes with their first face."""
-        vertices, triangles, owner, others, first = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros(0, int)], [], 0
+    def _solids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[int, Shape]]]:
+        """Meshes and convex faces as one mesh, the face that each triangle is of, -1 after the last; and other shapes with
+        their first face."""
+        vertices, triangles, owner, others, first, count = [], [], [], [], 0, 0
         for shape in self.shapes.values():
+            faces = list(shape.faces().values())
             if shape.type == "mesh":
-                triangles.append(np.asarray(shape.triangles) + sum(map(len, vertices)))
-                vertices.append(np.asarray(shape.vertices, float))
-                owner.append(np.full(len(shape.triangles), first))
+                parts = [(np.asarray(shape.vertices, float), np.asarray(shape.triangles))]
+            elif type(shape).intersect is Shape.intersect and all(map(is_convex, faces)):
+                parts = [(corners, fan(len(corners))) for corners in faces]
             else:
+                parts = []
                 others.append((first, shape))
-            first += len(shape.faces())
-        return (np.concatenate(vertices), np.concatenate(triangles), np.concatenate(owner)), others
+            for index, (corners, of_corners) in enumerate(parts):
+                vertices.append(corners)
+                triangles.append(of_corners + count)
+                owner += len(of_corners) * [first + index]
+                count += len(corners)
+            first += len(faces)
+        return (np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), int), *triangles]),
+                np.array([*owner, -1]), others)
 
     def extent(self) -> float:
         """Radius [m] round the camera that holds everything."""

@@ -2,7 +2,7 @@
 
     python -m tests.validation [--size 64]
 
-writes build/validation/: fig8.png and fig9.png (truth, composite, difference times five), mse.csv and fig10.png (mean
+writes build/validation/, or --folder: fig8.png and fig9.png (truth, composite, difference times five), mse.csv and fig10.png (mean
 square error of the composite against absorption and scattering, values clipped to [0, 1] as in the paper); then, with
 light that surfaces reflect and fog scatters again, all_light.png, all_light.csv and all_light_mse.png, and shares.png and
 shares.csv (how much of the fog's light single scattering has, against optical depth).
@@ -11,6 +11,7 @@ shares.csv (how much of the fog's light single scattering has, against optical d
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from pipeline.paths import PROJECT
 from tests.validation import all_light, approximations
@@ -21,8 +22,9 @@ if __name__ == "__main__":
     parser.add_argument("--samples", type=int, default=512, help="paths a pixel, for light of all orders")
     parser.add_argument("--variants", default="", help="settings to compare, with commas between; all of them if left out")
     parser.add_argument("--only", choices=["approximations", "all_light"], help="one experiment")
+    parser.add_argument("--folder", type=Path, default=PROJECT / "build/validation", help="where it writes")
     options = parser.parse_args()
-    folder = PROJECT / "build" / "validation"
+    folder = options.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     if options.only != "all_light":
         approximations.run(options.size, folder, options.variants.split(",") if options.variants else None)

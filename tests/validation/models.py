@@ -38,7 +38,7 @@ class Model:
 
     metre: its units a metre. bounces: recursion limit of its radiosity. quick: switches for light on its way between
     surfaces, where lamps may be coarser. nodes: x, y, z [m] between which light in the fog is interpolated. farthest [m]:
-    where eye rays that meet nothing end.
+    where eye rays that meet nothing end. photograph: of just this model and light, linear, averaged over each pixel.
     """
 
     file: Path
@@ -49,12 +49,7 @@ class Model:
     nodes: tuple[np.ndarray, np.ndarray, np.ndarray]
     quick: dict[str, float] = field(default_factory=dict)
     farthest: float = 60.0
-
-    @property
-    def photograph(self) -> Path | None:
-        """The model's own photograph, linear and without a camera's noise, where there is one."""
-        path = self.file.parents[1] / "photograph.exr"
-        return path if path.exists() else None
+    photograph: Path | None = None
 
 
 def _known(scene: str) -> dict:
@@ -75,7 +70,7 @@ def _bathroom() -> Model:
     return Model(SCENES / "bathroom/model/bathroom.pov", 1, camera, 7, (
         Group({"Sun_On": 0, "Sublights": 4}, samples=40),
         Group({"Ceiling_On": 0, "Mirror_On": 0, "Sky_On": 0}, samples=160,
-              container=(tuple(low), tuple(high)))), nodes, {"Sublights": 2})
+              container=(tuple(low), tuple(high)))), nodes, {"Sublights": 2}, photograph=SCENES / "bathroom/photograph.exr")
 
 
 def _building() -> Model:
@@ -84,7 +79,7 @@ def _building() -> Model:
              -np.array([-6, 2, 6, 10, 14, 19, 25, 32, 40, 50, 63.5, 90, 150.0]))
     group = Group(clear=True, samples=400, sky=tuple(known["sky"]["radiance_photo_unit"]))
     return Model(SCENES / "building/model/building.pov", 1, _street_camera(known["camera"]), 2, (group,), nodes,
-                 farthest=2000.0)
+                 farthest=2000.0, photograph=SCENES / "building/photograph.exr")
 
 
 def _lamps() -> Model:
@@ -93,7 +88,8 @@ def _lamps() -> Model:
              -np.array([-8, -2, 3, 8, 13, 17.3, 22, 30, 40, 52, 64, 79.8]))
     return Model(SCENES / "lamps/model/lamps.pov", 1, _street_camera(known["camera"]), 2, (
         Group({"Sky_On": 0}, samples=256),
-        Group({"Lamps_On": 0}, clear=True, samples=1, sky=tuple(known["sky_radiance_photo_unit"]))), nodes, farthest=150.0)
+        Group({"Lamps_On": 0}, clear=True, samples=1, sky=tuple(known["sky_radiance_photo_unit"]))), nodes, farthest=150.0,
+        photograph=SCENES / "lamps/photograph.exr")
 
 
 def _cornell() -> Model:

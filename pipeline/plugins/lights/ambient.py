@@ -11,11 +11,11 @@ from pipeline.plugins.base import Colour, Light, parameter
 
 
 class Ambient(Light):
-    """Light reflected about the room: the same radiance from all sides, everywhere.
+    """Light reflected about the room or street, from wherever the photograph shows it.
 
     Its way counts as clear, as the sky's does outdoors: what the fog takes from it on one way it adds from
-    another, so that a room lit by it alone looks the same in fog that absorbs nothing. It is known in
-    closed form and costs no render. Its strength is the mean of the photograph without its lamps.
+    another, so that a room lit by it alone looks the same in fog that absorbs nothing. It costs no render. Its strength is
+    the mean of the photograph without its lamps. A stated radiance is the same from all sides, everywhere.
     """
 
     type: Literal["ambient"] = "ambient"
@@ -25,7 +25,8 @@ class Ambient(Light):
     comes_from = "all"
     radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
     unobstructed: bool = parameter(
-        False, description="true: the same from all sides in the open air too; else there it comes from ground and things alone")
+        False, description="true: the same from all sides everywhere, as a stated radiance is; else what is estimated comes from"
+                           " where the photograph shows it")
 
     def placed(self, name, world):
         return self
