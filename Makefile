@@ -303,7 +303,7 @@ $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipel
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
 # what the fog sees round it, where that is not the open plain
-around = $(if $(shell grep -s '"mean_radiance"' $(S)/illumination.json),$(addprefix $(S)/basis/surroundings,.exr _kind.exr))
+around = $(shell [[ -f $(S)/illumination.json && "$$(< $(S)/illumination.json)" == *mean_radiance* ]] && echo $(addprefix $(S)/basis/surroundings,.exr _kind.exr))
 $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \

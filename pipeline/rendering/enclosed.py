@@ -22,19 +22,20 @@ CONTENT = "what points in the fog (rows) see along directions (columns): radianc
 KINDS = "what points in the fog (rows) see along directions (columns): 0 sky, 1 ground, 2 things"
 
 
-def _asks(light: Light) -> bool:
+def _asks(light: Light, source: str) -> bool:
     """Whether things round the fog matter to it. An ambient radiance that a person states is what they say, everywhere."""
-    stated = light.comes_from == "all" and light.given_strength() is not None
-    return light.comes_from is not None and not light.unobstructed and not stated
+    return (light.comes_from is not None and not light.unobstructed
+            and not (light.comes_from == "all" and source == "given"))
 
 
-def write_surroundings(build: Build, scene: PlacedScene, lamps: np.ndarray, share: float = 1.0) -> dict | None:
+def write_surroundings(build: Build, scene: PlacedScene, lights: dict[str, dict], lamps: np.ndarray, share: float = 1.0
+                       ) -> dict | None:
     """Writes what the fog of a scene sees round it where a light asks for that; what `read_surroundings` needs, else None.
 
-    lamps (H, W): pixels of the photograph that show lamps. share: as `fog_surroundings`.
+    lights: what was estimated of each, and the `source` of that. lamps (H, W): pixels of the photograph that show lamps. share: as `fog_surroundings`.
     """
     found = None
-    asking = [light for light in scene.lights.values() if _asks(light)]
+    asking = [light for name, light in scene.lights.items() if _asks(light, lights[name]["source"])]
     # in a room what is reflected comes from its walls; a sky there is none of the open air's
     if any(scene.outdoors or light.comes_from == "all" for light in asking):
         photograph = np.maximum(read_map(build.photograph).astype(float), 0)
@@ -79,7 +80,7 @@ class Enclosed:
         self.mean = np.asarray((illumination.get("surroundings") or {}).get("mean_radiance", (1, 1, 1)), float)
 
     def changes(self, light: str) -> bool:
-        return self.around is not None and _asks(self.scene.lights[light])
+        return self.around is not None and _asks(self.scene.lights[light], self.lights[light]["source"])
 
     def factor(self, light: str, camera: Camera, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Of the light's V, (h, w, 3), at `pixels` (h, w, 2) of `camera` whose rays end at depth (h, w) [m]."""

@@ -74,7 +74,7 @@ def run(build: Build) -> None:
     for message in report["messages"]:
         print(f"  note: {message}", file=sys.stderr)
     _write_albedo(build, albedo)
-    around = write_surroundings(build, scene, _lamps(build, scene), demand.get("surroundings", 1.0))
+    around = write_surroundings(build, scene, lights, _lamps(build, scene), demand.get("surroundings", 1.0))
     # last: Make looks at it
     write_json(build.illumination, {**report, "lights": lights, "face_albedo": albedos, "surroundings": around})
 

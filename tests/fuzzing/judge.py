@@ -165,7 +165,7 @@ def _checked_message(text: str, status: int) -> str:
 def _without_renders() -> None:
     """Estimates that POV-Ray makes are taken as 1: the .pov files are written, and not rendered."""
     illumination = MODULES["illumination"]
-    illumination.render = lambda build, planned, text: None
+    illumination.render = lambda *_: None
 
     def stand_in(build, scene, settings, given, templates):
         from numpy import full
