@@ -11,7 +11,8 @@ from tests.test_bad_input import refusal
 
 SKY_DEPTH = 3000.0
 #: All round alike: V = L (1 - exp(-tau)) whatever the direction.
-EVEN = {"sky": {"type": "sky", "radiance": [2.0, 2.0, 2.0]}, "ground": {"type": "ground", "radiance": [2.0, 2.0, 2.0]}}
+#: of an open field, whatever stands in it
+EVEN = {name: {"type": name, "radiance": [2.0, 2.0, 2.0], "unobstructed": True} for name in ("sky", "ground")}
 
 
 def yard(visibility: float = 80.0) -> dict:
