@@ -116,6 +116,7 @@ def test_what_is_drawn_is_seen_at_once_and_saved_with_the_comments(serve, visit,
     served = serve(scenes_with(tmp_path, "bathroom"), "bathroom")
     before = served.path.read_text()
     person = visit(served)
+    person.until("() => document.querySelector('.facts').innerText.includes('focal length')")
     facts = person.page.inner_text(".facts")
     assert "focal length" in facts and "field of view" in facts
     person.add("line_x", by="x")
