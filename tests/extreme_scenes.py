@@ -75,21 +75,21 @@ def status(build: Build, *stages: str, overrides: tuple[str, ...] = ()) -> int:
     return 0
 
 
-def fogged(build: Build, *overrides: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """T, V and C of the whole chain, which must hold what every picture holds."""
+def fogged(build: Build, *overrides: str, rtol: float = 1e-6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """T, V and C of the whole chain, which must hold what every picture holds; rtol: of C = R T + V as they are stored."""
     assert status(build, overrides=overrides) == 0
     t, v, c = (read_map(path).astype(float)
                for path in (build.transmittance, build.in_scattering(), build.foggy(".exr")))
-    sane(t, v, c, read_map(build.photograph))
+    sane(t, v, c, read_map(build.photograph), rtol)
     return t, v, c
 
 
-def sane(t: np.ndarray, v: np.ndarray, c: np.ndarray, radiance: np.ndarray) -> None:
+def sane(t: np.ndarray, v: np.ndarray, c: np.ndarray, radiance: np.ndarray, rtol: float = 1e-6) -> None:
     """Finite, 0 <= T <= 1, V >= 0 and C = R T + V."""
     assert np.isfinite(t).all() and np.isfinite(v).all() and np.isfinite(c).all()
     assert t.min() >= 0 and t.max() <= 1 and v.min() >= 0
     # written as float32: 6e-8 of each of the three
-    np.testing.assert_allclose(c, radiance * t + v, rtol=1e-6, atol=1e-30)
+    np.testing.assert_allclose(c, radiance * t + v, rtol=rtol, atol=1e-30)
 
 
 def depth(build: Build) -> np.ndarray:

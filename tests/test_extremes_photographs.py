@@ -18,16 +18,15 @@ AMBIENT = {"ambient": copy.deepcopy(LIGHTS["ambient"])}
 RADIANCE = np.array([3.0, 2.0, 1.0])
 
 
-def through_fog(tmp_path, file: str, codes: np.ndarray, lights=None, **attributes):
-    """Photograph, T, V and C of a file in known, even light."""
+def through_fog(tmp_path, file: str, codes: np.ndarray, lights=None, rtol=1e-6, **attributes):
+    """Photograph, T, V and C of a file in known, even light; rtol: of maps as they are stored."""
     build = written(tmp_path, {**room(lights or AMBIENT, fog(EXTINCTION)), "photograph": {"file": file}})
     (build.source / "photograph.exr").unlink()
     stored(build.source / file, codes, **attributes)
-    t, v, c = fogged(build)
+    t, v, c = fogged(build, rtol=rtol)
     tau = EXTINCTION * depth(build)
-    # float32 maps
-    np.testing.assert_allclose(t, np.broadcast_to(np.exp(-tau), t.shape), rtol=1e-6)
-    np.testing.assert_allclose(v, RADIANCE * -np.expm1(-tau), rtol=1e-6)
+    np.testing.assert_allclose(t, np.broadcast_to(np.exp(-tau), t.shape), rtol=rtol)
+    np.testing.assert_allclose(v, RADIANCE * -np.expm1(-tau), rtol=rtol)
     assert build.foggy(".png").stat().st_size > 0
     return build, t, v, c
 
@@ -147,5 +146,6 @@ def test_cmyk_is_refused(tmp_path, capsys):
 def test_fifty_megapixels(tmp_path):
     rows = np.linspace(0, 255, 6144).astype(np.uint8)
     codes = np.broadcast_to(rows[:, None, None], (6144, 8192, 3))
-    build, t, _, _ = through_fog(tmp_path, "photograph.jpg", codes)
+    # half floats
+    build, t, _, _ = through_fog(tmp_path, "photograph.jpg", codes, rtol=1e-3)
     assert t.shape == (6144, 8192, 3)
