@@ -1,4 +1,4 @@
-"""Light from all sides in the fog of an open-air scene, less what things hide of it, more what they throw back."""
+"""Light from all sides in fog that something stands round, less what that hides of it, more what it throws back."""
 
 from __future__ import annotations
 
@@ -22,27 +22,28 @@ CONTENT = "what points in the fog (rows) see along directions (columns): radianc
 KINDS = "what points in the fog (rows) see along directions (columns): 0 sky, 1 ground, 2 things"
 
 
-def _asks(light: Light, source: str) -> bool:
-    """Whether things round the fog matter to it. An ambient radiance that a person states is what they say, everywhere."""
-    return (light.comes_from is not None and not light.unobstructed
-            and not (light.comes_from == "all" and source == "given"))
+def _asks(scene: PlacedScene, light: Light, source: str) -> bool:
+    """Whether things round the fog matter to a light. A sky in a room is none of the open air's; an ambient radiance that a
+    person states is what they say, everywhere."""
+    if light.comes_from is None or light.unobstructed:
+        return False
+    return source != "given" if light.comes_from == "all" else scene.outdoors
 
 
 def write_surroundings(build: Build, scene: PlacedScene, lights: dict[str, dict], lamps: np.ndarray, share: float = 1.0
                        ) -> dict | None:
     """Writes what the fog of a scene sees round it where a light asks for that; what `read_surroundings` needs, else None.
 
-    lights: what was estimated of each, and the `source` of that. lamps (H, W): pixels of the photograph that show lamps. share: as `fog_surroundings`.
+    lights: what was estimated of each, and the `source` of that. lamps (H, W): pixels of the photograph that show lamps.
+    share: as `fog_surroundings`.
     """
     found = None
-    asking = [light for name, light in scene.lights.items() if _asks(light, lights[name]["source"])]
-    # in a room what is reflected comes from its walls; a sky there is none of the open air's
-    if any(scene.outdoors or light.comes_from == "all" for light in asking):
+    if any(_asks(scene, light, lights[name]["source"]) for name, light in scene.lights.items()):
         photograph = np.maximum(read_map(build.photograph).astype(float), 0)
         depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
         around = Surroundings(scene.camera, scene.first_hit, photograph, depth, face, lamps)
         found = fog_surroundings(scene.camera, around, read_json(build.geometry).get("ground_faces", []),
-                                 sum(len(getattr(shape, "triangles", ())) for shape in scene.shapes.values()), share)
+                                 scene.triangle_count(), share)
     if found is None:
         for path in (build.surroundings, build.surrounding_kinds):
             path.unlink(missing_ok=True)
@@ -80,7 +81,7 @@ class Enclosed:
         self.mean = np.asarray((illumination.get("surroundings") or {}).get("mean_radiance", (1, 1, 1)), float)
 
     def changes(self, light: str) -> bool:
-        return self.around is not None and _asks(self.scene.lights[light], self.lights[light]["source"])
+        return self.around is not None and _asks(self.scene, self.scene.lights[light], self.lights[light]["source"])
 
     def factor(self, light: str, camera: Camera, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Of the light's V, (h, w, 3), at `pixels` (h, w, 2) of `camera` whose rays end at depth (h, w) [m]."""
@@ -98,7 +99,8 @@ class Enclosed:
                                      _between(values, places))
 
     def _values(self, light: str, rays: np.ndarray, kind: np.ndarray, radiance: np.ndarray) -> np.ndarray:
-        """The factor at points (h, w, k, 3) along coarse rays (h, w, 3), which see kind (h, w, k, d) and radiance (h, w, k, d, 3)."""
+        """The factor at points (h, w, k, 3) along coarse rays (h, w, 3), which see kind (h, w, k, d) and radiance
+        (h, w, k, d, 3)."""
         weight = hidden_sky.weights(self.medium.phase(), rays, self.around.directions, self.around.solid_angles)
         side, above = self.scene.lights[light].comes_from, self.around.directions[:, 1] > 0
         if side == "below":

@@ -95,8 +95,9 @@ class Scattered:
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
         self.enclosed = Enclosed(build, self.scene, self.medium)
-        #: at the size at which glow is found: what surroundings make of light from all sides, V without shadows, and the light's transmittance on its way to surfaces
-        self.factors: dict[str, np.ndarray] = {}
+        #: at the size at which glow is found: what surroundings make of light from all sides, in front or behind; V without
+        #: shadows; and the light's transmittance on its way to surfaces
+        self.factors: dict[tuple[str, bool], np.ndarray] = {}
         self.glows: dict[str, np.ndarray] = {}
         self.ways: dict[str, np.ndarray] = {}
         #: by what renders of their own size say that the latter is off

@@ -83,6 +83,10 @@ class PlacedScene:
             distance, face = np.where(closer, found, distance), np.where(closer, index + first, face)
         return distance, face
 
+    def triangle_count(self) -> int:
+        """How many `first_hit` tries each ray on."""
+        return len(self._solids[1])
+
     @cached_property
     def _solids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[int, Shape]]]:
         """Meshes and convex faces as one mesh, the face that each triangle is of, -1 after the last; and other shapes with
