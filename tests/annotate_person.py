@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +16,6 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 PROJECT = Path(__file__).parents[1]
-CHROMIUM = shutil.which(os.environ.get("CHROMIUM", "chromium")) or shutil.which("google-chrome")
 DESKTOP, NARROW = {"width": 1440, "height": 900}, {"width": 420, "height": 860}
 #: Seconds for what takes a moment on a free machine and long on a busy one.
 PATIENCE = 60

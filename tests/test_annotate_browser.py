@@ -20,19 +20,11 @@ from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from tests.annotate_by_hand import draw_open_air, draw_room
 from tests.annotate_fixture import scenes_with
-from tests.annotate_person import CHROMIUM, NARROW, PATIENCE, PROJECT, Person, Served
+from tests.annotate_person import NARROW, PATIENCE, PROJECT, Person, Served
+from tests.in_browser import browser, needs_chromium
 
 pytest.importorskip("bokeh", reason="no Bokeh: make test-browser installs it and runs these tests")
-sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: make test-browser installs it and runs these tests")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: make test-browser installs it and runs these tests")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-dev-shm-usage"])
-        yield opened
-        opened.close()
+pytestmark = needs_chromium
 
 
 @pytest.fixture

@@ -72,8 +72,8 @@ def test_sky_between_two_long_walls(half_width, height):
 def test_furnace(visibility, asymmetry):
     """Sky, ground and walls of one radiance: whatever hides what, fog that absorbs nothing lets all of it look the same."""
     radiance = np.array([0.5, 0.6, 0.8])
-    found, depth = seen(street(6, 12), np.tile(radiance, (4, 1)))
-    medium, eye, rays = fog(visibility, asymmetry), CAMERA.position, CAMERA.directions(CAMERA.pixel_centres())
+    found, _ = seen(street(6, 12), np.tile(radiance, (4, 1)))
+    medium, eye = fog(visibility, asymmetry), CAMERA.position
     coarse = CAMERA.resized(found.kind.shape[1], found.kind.shape[0])
     inside = coarse.directions(coarse.pixel_centres())
     weight = hidden_sky.weights(medium.phase(), inside, found.directions, found.solid_angles)

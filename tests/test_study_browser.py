@@ -7,9 +7,7 @@ where seconds must pass, so that no test waits for them.
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
 from collections import Counter
 
 import numpy as np
@@ -18,22 +16,12 @@ import pytest
 from pipeline.cli import main
 from pipeline.study.answers import read_answers
 from pipeline.study.page import write_page
+from tests.in_browser import browser, needs_chromium
 from tests.study_fixture import STUDY, made, noise
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: make test-browser installs it and runs these tests")
-CHROMIUM = shutil.which(os.environ.get("CHROMIUM", "chromium")) or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: make test-browser installs it and runs these tests")
+pytestmark = needs_chromium
 
 PHONE, DESKTOP = {"width": 360, "height": 740}, {"width": 1920, "height": 1080}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        # as root, and in small containers
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-dev-shm-usage"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ what arrives is taken as linear in optical depth.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np

@@ -13,10 +13,9 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from playwright import sync_api
-
-from tests.annotate_person import CHROMIUM, Person, Served
+from tests.annotate_person import Person, Served
 from tests.enlarged_scene import enlarged_scene
+from tests.in_browser import chromium
 
 #: Longer sides of the photographs [pixel]; a square one has a megapixel at 1000 and 24 at 4900.
 SIDES = (1000, 4900)
@@ -58,8 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default="bathroom")
     options = parser.parse_args()
-    with sync_api.sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-dev-shm-usage"])
+    with chromium() as browser, tempfile.TemporaryDirectory() as folder:
         for side in SIDES:
             scenes = Path(folder) / str(side)
             enlarged_scene(options.scene, side, scenes / options.scene)
@@ -80,7 +78,6 @@ def main() -> None:
                 print(told(f"  {boxes[0]}'s corner", geometry(person, tuple(corner), side / 40, CHANGES)), flush=True)
             person.leave()
             served.end()
-        browser.close()
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import shapely
 
 from pipeline.annotate.written.document import SceneDocument
 from pipeline.annotate.exchange import coco, cvat, fspy_files, labelme
-from pipeline.annotate.exchange.drawings import Drawings, Drawn, content_of, json_of
+from pipeline.annotate.exchange.drawings import Drawings, content_of, json_of
 from pipeline.annotate.exchange.labels import Target, targets
 from pipeline.annotate.written.yaml_text import PIXEL_DIGITS
 from pipeline.errors import InputError
