@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import operator
 import signal
 import threading
@@ -53,13 +54,24 @@ def joined(pieces: Iterator[str], name: str) -> str:
 
 @contextmanager
 def in_time(name: str) -> Iterator[None]:
-    """Stops a template that loops on; by a signal, so in the main thread only, which is where stages work."""
-    if threading.current_thread() is not threading.main_thread() or signal.getitimer(signal.ITIMER_REAL)[0]:
+    """Stops a template that loops on: in the main thread by a signal, elsewhere by an exception between two of its steps."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if in_main and signal.getitimer(signal.ITIMER_REAL)[0]:
         yield
         return
+    late: list[bool] = []
+    with _by_signal(late) if in_main else _by_exception(late):
+        try:
+            yield
+        except Exception:
+            if not late:
+                raise
+            # whatever Jinja makes of an error between two lines of a template
+            raise InputError(f"template takes longer than {MAX_SECONDS:g} s", place=name, remedy=f"loop less; {FIXED}") from None
 
-    late = []
 
+@contextmanager
+def _by_signal(late: list[bool]) -> Iterator[None]:
     def stop(number, frame):
         late.append(True)
         raise TimeoutError
@@ -68,11 +80,31 @@ def in_time(name: str) -> Iterator[None]:
     signal.setitimer(signal.ITIMER_REAL, MAX_SECONDS)
     try:
         yield
-    except Exception:
-        if not late:
-            raise
-        # whatever Jinja makes of an error between two lines of a template
-        raise InputError(f"template takes longer than {MAX_SECONDS:g} s", place=name, remedy=f"loop less; {FIXED}") from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def _by_exception(late: list[bool]) -> Iterator[None]:
+    raised = ctypes.pythonapi.PyThreadState_SetAsyncExc
+    thread, ended, lock = ctypes.c_ulong(threading.get_ident()), [], threading.Lock()
+
+    def stop():
+        with lock:
+            if not ended:
+                late.append(True)
+                raised(thread, ctypes.py_object(TimeoutError))
+
+    timer = threading.Timer(MAX_SECONDS, stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        with lock:
+            ended.append(True)
+        timer.cancel()
+        if late:
+            # one that has not arrived yet is of no use any more
+            raised(thread, None)
