@@ -162,20 +162,18 @@ def render_side_by_side(jobs: list[tuple[Path, Path, int, int]], *, threads: int
     """`render` of several (pov, image, width, height), `at_once` of them; seconds each took.
 
     One thread each where not stated. POV-Ray's radiosity gathers its samples in the order in which its threads come by:
-    on several, no two renders are alike. told(index, seconds): called as each ends.
+    on several, no two renders are alike. told(index, seconds): called as each ends, by the caller's own thread:
+    what two threads print at once comes out as one line.
     """
-    def one(index: int) -> float:
-        seconds = render(*jobs[index], threads=threads or 1, timeout=timeout)
-        if told:
-            told(index, seconds)
-        return seconds
-
     with ThreadPoolExecutor(max(1, at_once or os.cpu_count() or 1)) as pool:
-        started = [pool.submit(one, index) for index in range(len(jobs))]
+        started = {pool.submit(render, *job, threads=threads or 1, timeout=timeout): index
+                   for index, job in enumerate(jobs)}
         try:
             # the first that fails ends the others
             for done in as_completed(started):
-                done.result()
+                seconds = done.result()
+                if told:
+                    told(started[done], seconds)
             return [one.result() for one in started]
         except BaseException:
             for future in started:
