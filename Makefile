@@ -302,12 +302,14 @@ $(S)/geometry.json: $(call beside,$(foreach f,depth surfaces,$(S)/$(f).exr $(S)/
 $(S)/sun_direction.json: $(S)/geometry.json $(S)/inputs/sun_direction.json pipeline/scene/described_sun.py $(call code,sun_direction,$(geometry)) \
   $(wildcard pipeline/estimation/sun_*.py pipeline/estimation/spherical.py)
 	$(run) sun_direction
-# what the fog sees round it, where that is not the open plain
-around = $(shell [[ -f $(S)/illumination.json && "$$(< $(S)/illumination.json)" == *mean_radiance* ]] && echo $(addprefix $(S)/basis/surroundings,.exr _kind.exr))
+# what the fog sees round it, where that is not the open plain, and what lights a room
+around = $(shell [[ -f $(S)/illumination.json && "$$(< $(S)/illumination.json)" == *mean_radiance* ]] && echo $(addprefix $(S)/basis/surroundings,.exr _hits.exr)) \
+  $(shell [[ -f $(S)/illumination.json && "$$(< $(S)/illumination.json)" == *spacing_m* ]] && echo $(addprefix $(S)/basis/room,.exr _hits.exr _places.exr))
 $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %.pov,%.exr,$(wildcard $(S)/basis/irradiance_*.pov))) \
   $(S)/geometry.json $(S)/sun_direction.json $(S)/photograph.json \
   $(addprefix $(S)/inputs/,illumination.json strengths.json exporter.json templates.json demand.json) \
-  $(filter-out $(fog_templates) $(closure_templates),$(templates)) $(call code,illumination,$(geometry) estimation rendering)
+  $(filter-out $(fog_templates) $(closure_templates),$(templates)) pipeline/physics/fog_transport.py \
+  $(call code,illumination,$(geometry) estimation rendering)
 	$(run) illumination
 $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_files.json $(O)/inputs/render.json \
   $(S)/inputs/templates.json templates/SHA256SUMS $(filter-out $(clear_templates) $(closure_templates),$(templates)) \
@@ -320,7 +322,8 @@ $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(w
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(call chain,render)
 $(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
-  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py) pipeline/planning/accuracy.py) \
+  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py enclosed.py surroundings_files.py) \
+  $(addprefix pipeline/estimation/,fog_surroundings.py room_light.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
 	$(call chain,decompose)
 $(O)/foggy.png: $(call beside,$(O)/foggy.exr $(O)/transmittance.exr $(O)/in_scattering.exr) $(O)/maps.json $(S)/photograph.json $(O)/inputs/composite.json \

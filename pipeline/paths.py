@@ -164,15 +164,29 @@ class Build:
         """Albedos by face from which the estimate of the light begins; only where a preview knows them from before."""
         return self.shared / "inputs" / "albedos_begun.json"
 
-    # of one fog
     @property
     def surroundings(self) -> Path:
-        """What the fog of an open-air scene sees round it."""
+        """What the fog before the photograph sees round it."""
         return self.basis / "surroundings.exr"
 
     @property
-    def surrounding_kinds(self) -> Path:
-        return self.basis / "surroundings_kind.exr"
+    def surrounding_hits(self) -> Path:
+        return self.basis / "surroundings_hits.exr"
+
+    @property
+    def room(self) -> Path:
+        """What points all over a room, and patches of its surfaces, see."""
+        return self.basis / "room.exr"
+
+    @property
+    def room_hits(self) -> Path:
+        return self.basis / "room_hits.exr"
+
+    @property
+    def room_places(self) -> Path:
+        return self.basis / "room_places.exr"
+
+    # of one fog
 
     @property
     def plan(self) -> Path:

@@ -16,7 +16,7 @@ MODULES = {".".join(path.relative_to(PROJECT).with_suffix("").parts).removesuffi
 MOST_LINES = 450
 
 #: What computes, and what else of the project it may know. None of these reads or writes anything.
-PURE = {"pipeline.physics": {"pipeline.physics", "pipeline.geometry", "pipeline.errors"},
+PURE = {"pipeline.physics": {"pipeline.physics", "pipeline.geometry", "pipeline.errors", "pipeline.side_by_side"},
         "pipeline.geometry": {"pipeline.geometry", "pipeline.errors", "pipeline.side_by_side"},
         "pipeline.estimation": {"pipeline.estimation", "pipeline.physics", "pipeline.geometry",
                                 "pipeline.errors", "pipeline.side_by_side"}}

@@ -139,8 +139,9 @@ def test_street_through_the_stages(tiny_scene):
     facts = read_json(build.illumination)["surroundings"]
     assert 0.3 < facts["sky_seen"] < 0.95
     hidden = {name: read_map(build.in_scattering(name)) for name in ("sky", "ground")}
-    kinds = read_map(build.surrounding_kinds)
-    assert set(np.unique(kinds)) == {0, 1, 2} and read_map(build.surroundings).shape == (*kinds.shape, 3)
+    hits = read_map(build.surrounding_hits)
+    assert set(np.unique(hits[..., 0])) == {0, 1, 2} and read_map(build.surroundings).shape == hits.shape
+    assert facts["room"] is None and not build.room.exists(), "no room"
     tiny_scene.file.write_text(file.replace("[1, 1, 1]", "[1, 1, 1], unobstructed: true").replace(
         "[0.2, 0.2, 0.2]}\nill", "[0.2, 0.2, 0.2], unobstructed: true}\nill"))
     assert tiny_scene.run(*CHAIN) == 0

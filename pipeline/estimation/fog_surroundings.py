@@ -19,8 +19,8 @@ from pipeline.side_by_side import side_by_side
 LONGER, ALONG, DIRECTIONS = 10, 8, 200
 #: How much denser directions are ahead: the asymmetry of the function that they follow.
 CONCENTRATION = 0.5
-#: The nearest point [m], as a share of the farthest.
-NEAREST = 0.02
+#: The nearest point [m], as a share of the farthest; in a room points lie at powers of even shares.
+NEAREST, INDOORS = 0.02, 1.5
 #: A direction averages squares of this share of the photograph's longer side.
 AVERAGED = 24
 #: Pairs of direction and triangle that may be tried: some seconds. Where triangles are many, points are fewer, and what they
@@ -39,14 +39,29 @@ class FogSurroundings:
     stand for.
 
     kind (h, w, k, d): SKY, GROUND or THING, whichever a point sees in a direction; radiance (h, w, k, d, 3): of ground and
-    things, 0 of the sky.
+    things, 0 of the sky; both of a point within something are those of the point before it on its ray. reach (h, w, k, d) [m]:
+    how far what it sees is, inf for nothing, -1 of points within something; face (h, w, k, d): its index, -1 for nothing.
+    seen (h, w, k, d): whether the radiance is what the photograph shows there.
     """
 
     distances: np.ndarray
     kind: np.ndarray
     radiance: np.ndarray
+    reach: np.ndarray
+    face: np.ndarray
     directions: np.ndarray
     solid_angles: np.ndarray
+    seen: np.ndarray | None = None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which points (h, w, k) lie in the open."""
+        return self.reach[..., 0] >= 0
+
+    def points(self, camera: Camera) -> np.ndarray:
+        """(h, w, k, 3) [m], before the camera that they were found for."""
+        small = camera.resized(*self.kind.shape[1::-1])
+        return camera.position + self.distances[:, None] * small.directions(small.pixel_centres())[:, :, None]
 
     def sky_seen(self) -> float:
         """Share of the sky that the points see on average."""
@@ -76,12 +91,13 @@ def axis_of(camera: Camera) -> np.ndarray:
     return camera.directions(np.array([camera.width / 2, camera.height / 2]))
 
 
-def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], triangles: int, share: float = 1.0
-                     ) -> FogSurroundings | None:
+def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], triangles: int, share: float = 1.0,
+                     count: int = DIRECTIONS, in_a_room: bool = False) -> FogSurroundings | None:
     """Of the fog before a photograph; None where nothing stands round it.
 
     ground: indices of faces that the fog's light from below comes from. triangles: of all that rays are tried on.
-    share: of the rays and points along each of them that are taken at most.
+    share: of the rays and points along each of them that are taken at most; count: directions from each point. in_a_room: lamps
+    are near, wherever a ray goes, so that points lie closer together far from the eye.
     """
     depth, face = around.depth, around.face
     standing = depth[(face >= 0) & ~np.isin(face, ground) & np.isfinite(depth)]
@@ -89,20 +105,22 @@ def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], tr
         return None
     farthest = float(np.quantile(standing, FARTHEST_SHARE))
     # fewer rays and points alike, where each costs more
-    share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (LONGER * LONGER * ALONG)) ** (1 / 3))
+    share = min(share, (MOST_PAIRS / (count * max(triangles, 1)) / (LONGER * LONGER * ALONG)) ** (1 / 3))
     side, along = max(3, round(share * LONGER)), max(3, round(share * ALONG))
     longer = max(camera.width, camera.height)
     width, height = (max(2, round(side * n / longer)) for n in (camera.width, camera.height))
     small = camera.resized(width, height)
-    rays, ends = small.directions(small.pixel_centres()), _farthest_of_cells(depth, height, width)
-    distances = np.geomspace(NEAREST * farthest, farthest, along)
-    directions, solid_angles = about(axis_of(camera), DIRECTIONS)
+    rays = small.directions(small.pixel_centres())
+    ends = (_middle_of_cells if in_a_room else _farthest_of_cells)(depth, height, width)
+    distances = farthest * (((np.arange(along) + 0.5) / along) ** INDOORS if in_a_room else np.geomspace(NEAREST, 1, along))
+    directions, solid_angles = about(axis_of(camera), count)
     rising = directions[:, 1] > 0
     open_plain = np.where(rising, SKY, GROUND)
     level = around.mean_of(ground)
-    kind = np.broadcast_to(open_plain, (height, width, along, DIRECTIONS)).copy()
+    kind = np.broadcast_to(open_plain, (height, width, along, count)).copy()
     radiance = np.where(kind[..., None] == GROUND, level, 0)
-    known = distances < BEFORE * ends[..., None]
+    reach, face_met = np.full(kind.shape, -1.0), np.full(kind.shape, -1)
+    seen, known = np.zeros(kind.shape, bool), distances < BEFORE * ends[..., None]
 
     def seen_from(at: tuple[int, int, int]) -> None:
         look = around.look(camera.position + distances[at[2]] * rays[at[:2]], directions, longer / AVERAGED)
@@ -113,13 +131,20 @@ def fog_surroundings(camera: Camera, around: Surroundings, ground: list[int], tr
         # ground that rises before a point hides the sky
         kind[at] = np.where(met, np.where(level_met & ~rising, GROUND, THING), open_plain)
         radiance[at] = np.where(met[:, None], look.radiance, radiance[at])
+        reach[at], face_met[at], seen[at] = look.distance, look.face, look.seen
 
     deque(side_by_side(seen_from, zip(*np.nonzero(known))), maxlen=0)
     # behind what a ray meets lies no fog that it sees: what its neighbours see there goes on from the last point before it
     for k in range(1, along):
         gone = ~known[..., k]
         kind[gone, k], radiance[gone, k] = kind[gone, k - 1], radiance[gone, k - 1]
-    return FogSurroundings(distances, kind, radiance, directions, solid_angles)
+    return FogSurroundings(distances, kind, radiance, reach, face_met, directions, solid_angles, seen)
+
+
+def _middle_of_cells(depth: np.ndarray, height: int, width: int) -> np.ndarray:
+    """(height, width) [m]: what the ray through the middle of each cell of a grid ends at."""
+    rows, columns = (((np.arange(m) + 0.5) * n / m).astype(int) for n, m in zip(depth.shape, (height, width)))
+    return depth[rows[:, None], columns]
 
 
 def _farthest_of_cells(depth: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -26,9 +26,10 @@ LIFT = 0.01
 
 @dataclass(frozen=True)
 class Look:
-    """What rays (k,) from a point meet: face, its index, -1 for nothing; radiance (k, 3) of things; seen: whether that is
-    what the photograph shows there, else the mean of what it shows of the same face."""
+    """What rays (k,) from a point meet: distance [m], inf for nothing; face, its index, -1 for nothing; radiance (k, 3) of
+    things; seen: whether that is what the photograph shows there, else the mean of what it shows of the same face."""
 
+    distance: np.ndarray
     face: np.ndarray
     radiance: np.ndarray
     seen: np.ndarray
@@ -77,7 +78,7 @@ class Surroundings:
         seen = np.zeros(len(directions), bool)
         seen[solid] = known
         radiance[seen] = self._averaged(row[known], column[known], met[seen], width)
-        return Look(met, radiance, seen)
+        return Look(distance, met, radiance, seen)
 
     def _averaged(self, row: np.ndarray, column: np.ndarray, face: np.ndarray, width: float) -> np.ndarray:
         """Radiance (n, 3) round pixels (n,) of these faces (n,)."""
@@ -97,7 +98,7 @@ class Surroundings:
 
         Whatever rises to nothing meets the sky, so that what stands beside and behind the camera counts as sky.
         """
-        directions = _hemisphere(np.asarray(normal, float))
+        directions = hemisphere(np.asarray(normal, float), RAYS)
         chosen = points[np.linspace(0, len(points) - 1, min(len(points), POINTS)).astype(int)]
         sky, unseen, reflected = 0, 0, np.zeros(3)
         for point in chosen:
@@ -122,10 +123,10 @@ class PatchLight:
     unseen: float
 
 
-def _hemisphere(normal: np.ndarray) -> np.ndarray:
-    """Unit directions (RAYS, 3) about a normal (3,), as dense as the cosine: each brings the same irradiance."""
-    index = np.arange(RAYS) + 0.5
-    radius, angle = np.sqrt(index / RAYS), index * np.pi * (3 - np.sqrt(5))  # a sunflower's seeds
+def hemisphere(normal: np.ndarray, count: int) -> np.ndarray:
+    """Unit directions (count, 3) about a normal (3,), as dense as the cosine: each brings the same irradiance."""
+    index = np.arange(count) + 0.5
+    radius, angle = np.sqrt(index / count), index * np.pi * (3 - np.sqrt(5))  # a sunflower's seeds
     helper = np.array([1.0, 0, 0]) if abs(normal[0]) < 0.9 else np.array([0, 1.0, 0])
     u = np.cross(normal, helper)
     u /= np.linalg.norm(u)

@@ -13,7 +13,8 @@ INDIRECT_SHARE = 1e-3
 NEAR_WHITE = 0.7
 
 
-def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray, ...]]) -> np.ndarray:
+def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray, ...]], radiance: np.ndarray | None = None
+                           ) -> np.ndarray:
     """Share of the photograph's radiance that survives from the lights by way of the surface to the eye.
 
     T = sum_l w_l T_l, w_l light l's share of the reflected radiance (Zhao et al. 2013, eq. 5, for
@@ -22,6 +23,9 @@ def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray,
     strength (3,); clear, reduced (H, W, 3) irradiance/pi without and with fog on both ways; indirect,
     indirect_reduced (H, W, 3) the same of light that arrives by reflection, roughly. Where no light reaches a pixel
     at all, T is `eye`.
+
+    More light may reach a surface through fog than did without, for the fog scatters it into shadows: of radiance (H, W, 3),
+    which the photograph shows, no more grows than a white surface would throw back. The rest shines itself.
     """
     above, below = np.zeros(eye.shape), np.zeros(eye.shape)
     for strength, clear, reduced, indirect, indirect_reduced in arriving:
@@ -29,6 +33,9 @@ def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray,
         above += strength * (reduced + INDIRECT_SHARE * indirect_reduced)
     with np.errstate(divide="ignore", invalid="ignore"):
         together = above / below
+        if radiance is not None:
+            thrown_back = np.minimum(1, below / np.maximum(radiance, 1e-12))
+            together = np.where(together > eye, eye + (together - eye) * thrown_back, together)
     return np.where(below > 0, np.clip(together, 0, 1), eye)
 
 

@@ -164,6 +164,16 @@ class Shape(Plugin):
     casts_shadow: ClassVar[bool] = True
 
 
+@dataclass(frozen=True)
+class Reaching:
+    """Light at points (...): irradiance (...) facing it, unit directions (..., 3) in which it travels, and path (...) [m] that
+    it has come through fog."""
+
+    irradiance: np.ndarray
+    travels: np.ndarray
+    path: np.ndarray
+
+
 class Light(Plugin):
     """A source of light. Its strength in the photograph's unit is estimated unless given.
 
@@ -288,6 +298,19 @@ class Light(Plugin):
         A cheap estimate (the light's midpoint) for exposures and for pixels that no light reaches directly.
         """
         raise NotImplementedError(type(self).__name__)
+
+
+    def reaching(self, points: np.ndarray) -> Reaching | None:
+        """What reaches points (..., 3) [m] in the fog straight from the light as nothing stood in its way, at unit strength;
+        None for one that comes from no place of its own. As rough as `incident`: light that fog scatters again, and the
+        surfaces that no pixel shows, are found from it.
+        """
+        middle = self.midpoint()
+        if middle is None:
+            return None
+        irradiance, path = self.incident(points)
+        offset = points - middle
+        return Reaching(irradiance, offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-12), path)
 
 
 class PhaseFunction(Plugin):

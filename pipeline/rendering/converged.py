@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from pipeline.geometry.segments import blocked
+from pipeline.imaging.maps import read_map
 from pipeline.plugins.base import Medium, Shape
 from pipeline.rendering.emit import Run
 from pipeline.rendering.fineness import INTEGRATED, Fineness
@@ -118,6 +119,10 @@ class Converged(Scattered):
     def _surrounded(self, light: str, view: View) -> np.ndarray:
         pixels = np.stack([self.pixels.columns + 0.5, self.pixels.rows + 0.5], -1)
         return self.enclosed.factor(light, self.scene.camera, pixels[None], view.depth[None])[0]
+
+    def _reflected(self, light: str, view: View) -> tuple[np.ndarray, np.ndarray]:
+        faces = np.round(read_map(self.build.surfaces, self.depth.shape)[..., 0][view.where]).astype(int)
+        return self.enclosed.reflected(light, view.points, faces)
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         eye = self.scene.camera.position

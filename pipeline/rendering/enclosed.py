@@ -2,110 +2,121 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import cv2
 import numpy as np
+import scipy
 
-from pipeline.estimation.fog_surroundings import (
-    GROUND, SKY, THING, FogSurroundings, about, axis_of, fog_surroundings)
-from pipeline.estimation.surroundings import Surroundings
+from pipeline.estimation.fog_surroundings import GROUND, SKY, THING
+from pipeline.estimation.room_light import face_normals, of_view
 from pipeline.geometry.camera import Camera
-from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.physics import hidden_sky
 from pipeline.physics.airlight import clear_skylight
-from pipeline.plugins.base import Light, Medium
+from pipeline.physics.fog_transport import Transport
+from pipeline.plugins.base import Medium
+from pipeline.rendering.surroundings_files import asks, lamps_of, read_room, read_surroundings
 from pipeline.scene.artefacts import read_json
 from pipeline.scene.placed import PlacedScene
-
-#: Rows: points in the fog, along a grid of eye rays; columns: directions over the sphere.
-CONTENT = "what points in the fog (rows) see along directions (columns): radiance of ground and things"
-KINDS = "what points in the fog (rows) see along directions (columns): 0 sky, 1 ground, 2 things"
-
-
-def _asks(scene: PlacedScene, light: Light, source: str) -> bool:
-    """Whether things round the fog matter to a light. A sky in a room is none of the open air's; an ambient radiance that a
-    person states is what they say, everywhere."""
-    if light.comes_from is None or light.unobstructed:
-        return False
-    return source != "given" if light.comes_from == "all" else scene.outdoors
-
-
-def write_surroundings(build: Build, scene: PlacedScene, lights: dict[str, dict], lamps: np.ndarray, share: float = 1.0
-                       ) -> dict | None:
-    """Writes what the fog of a scene sees round it where a light asks for that; what `read_surroundings` needs, else None.
-
-    lights: what was estimated of each, and the `source` of that. lamps (H, W): pixels of the photograph that show lamps.
-    share: as `fog_surroundings`.
-    """
-    found = None
-    if any(_asks(scene, light, lights[name]["source"]) for name, light in scene.lights.items()):
-        photograph = np.maximum(read_map(build.photograph).astype(float), 0)
-        depth, face = read_map(build.depth).astype(float), read_map(build.surfaces)[..., 0].astype(int)
-        around = Surroundings(scene.camera, scene.first_hit, photograph, depth, face, lamps)
-        found = fog_surroundings(scene.camera, around, read_json(build.geometry).get("ground_faces", []),
-                                 scene.triangle_count(), share)
-    if found is None:
-        for path in (build.surroundings, build.surrounding_kinds):
-            path.unlink(missing_ok=True)
-        return None
-    for path, values, content in ((build.surroundings, found.radiance, CONTENT), (build.surrounding_kinds, found.kind, KINDS)):
-        write_map(path, values.reshape(-1, *values.shape[3:]), {"fog:content": content})
-    return {"rays": list(found.kind.shape[:2]), "distances_m": found.distances.tolist(),
-            "sky_seen": found.sky_seen() if scene.outdoors else None, "mean_radiance": around.overall.tolist()}
-
-
-def read_surroundings(build: Build, camera: Camera) -> FogSurroundings | None:
-    facts = read_json(build.illumination).get("surroundings")
-    if not facts:
-        return None
-    distances = np.asarray(facts["distances_m"])
-    shape = (*facts["rays"], len(distances), -1)
-    kind = np.round(read_map(build.surrounding_kinds)).astype(int).reshape(shape)
-    radiance = read_map(build.surroundings).astype(float).reshape(*shape, 3)
-    return FogSurroundings(distances, kind, radiance, *about(axis_of(camera), kind.shape[-1]))
 
 
 class Enclosed:
     """Factors of the V of lights that come from all sides, by what stands round the fog.
 
     What hides the sky throws back its colour: in the sky's stead, unless the scene has an ambient light for all that is
-    reflected, which then comes from there. Light from the ground is the ground light's, where there is one.
+    reflected, which then comes from there. Light from the ground is the ground light's, where there is one. In a room with
+    lamps an ambient light is all that arrives but straight from them: fog dims what surfaces throw back, and scatters it and
+    the lamps' light again.
     """
 
     def __init__(self, build: Build, scene: PlacedScene, medium: Medium):
         self.scene, self.medium = scene, medium
-        self.around = read_surroundings(build, scene.camera)
-        illumination = read_json(build.illumination)
-        self.lights = illumination["lights"]
-        #: of all that the photograph shows: what an ambient light is estimated as
-        self.mean = np.asarray((illumination.get("surroundings") or {}).get("mean_radiance", (1, 1, 1)), float)
+        self.around, self.room = read_surroundings(build, scene.camera), read_room(build, scene)
+        self.lights = read_json(build.illumination)["lights"]
+        self.values: dict[str, np.ndarray] = {}
 
     def changes(self, light: str) -> bool:
-        return self.around is not None and _asks(self.scene, self.scene.lights[light], self.lights[light]["source"])
+        return self.around is not None and asks(self.scene, self.scene.lights[light], self.lights[light]["source"])
+
+    def strength(self, light: str) -> np.ndarray:
+        """(3,), as it was estimated, whatever its gain."""
+        return np.asarray(self.lights[light]["strength"], float)
+
+    def reflects(self, light: str) -> bool:
+        """Whether `reflected` is this light at its estimated strength."""
+        return self.room is not None and self.scene.lights[light].comes_from == "all" and self.changes(light)
 
     def factor(self, light: str, camera: Camera, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Of the light's V, (h, w, 3), at `pixels` (h, w, 2) of `camera` whose rays end at depth (h, w) [m]."""
         around, eye = self.around, self.scene.camera.position
+        if light not in self.values:
+            self.values[light] = self._values(light)
+        values = self.values[light]
+        places = pixels * [values.shape[1] / camera.width, values.shape[0] / camera.height] - 0.5
+        return hidden_sky.along_rays(self.medium, eye, camera.directions(pixels), depth, around.distances,
+                                     _between(values, places))
+
+    def reflected(self, light: str, points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance / pi (..., 3) of points (..., 3) [m] on faces (...) by all that is reflected and scattered to them, in clear
+        air and in fog, at unit strength of this light."""
+        normals = self._normals[np.maximum(faces, 0)]
+        normals = normals * np.sign((normals * (self.scene.camera.position - points)).sum(-1, keepdims=True))
+        index, weight = self.room.patches.between(points, normals)
+        own = self.strength(light)
+        return tuple(np.where(own > 0, np.einsum("...k,...kc->...c", weight, one[index]) / np.where(own > 0, own, 1), 1)
+                     for one in (self.transport.clear, self.transport.E))
+
+    @cached_property
+    def _normals(self) -> np.ndarray:
+        return face_normals([corners for _, corners in self.scene.faces()])
+
+    @cached_property
+    def transport(self) -> Transport:
+        strengths = {name: self.strength(name) for name in self.lights}
+        low, high = self.room.lattice.low, self.room.lattice.high
+        return Transport(self.medium, self.room.within, self.room.beside, self.room.lit_by(lamps_of(self.scene), strengths),
+                         self.room.lattice.nearest(), float(np.linalg.norm(high - low)))
+
+    def _in_the_room(self) -> np.ndarray:
+        """Radiance (h, w, k, d, 3) that arrives at the points before the photograph, but what comes straight from lamps."""
+        around = self.around
+        found = self.transport.arriving(of_view(self.scene.camera, around, self._normals, self.room.patches))
+        points = around.points(self.scene.camera)
+        # a point within something is as the one before it, or as the nearest
+        stands = np.zeros(around.known.shape, int)
+        stands[around.known] = np.arange(len(found))
+        nearest = scipy.spatial.cKDTree(points[around.known])
+        for k in range(stands.shape[2]):
+            gone = ~around.known[..., k]
+            stands[gone, k] = stands[gone, k - 1] if k else nearest.query(points[gone, k])[1]
+        return found[stands]
+
+    def _values(self, light: str) -> np.ndarray:
+        """The factor (h, w, k + 1, 3) at points along coarse rays, and behind them."""
+        around = self.around
         coarse = self.scene.camera.resized(around.kind.shape[1], around.kind.shape[0])
+        rays = coarse.directions(coarse.pixel_centres())
+        if self.reflects(light):
+            weight = hidden_sky.weights(self.medium.phase(), rays, around.directions, around.solid_angles)
+            found = hidden_sky.instead(weight, self._in_the_room(), np.broadcast_to(self.strength(light), rays.shape))
+            return np.concatenate([found, found[:, :, -1:]], 2)
         # behind the last point nothing stands any more
         plain = np.where(around.directions[:, 1] > 0, SKY, GROUND)
         kind = np.concatenate([around.kind, np.broadcast_to(plain, (*around.kind.shape[:2], 1, len(plain)))], 2)
         ground = around.radiance[around.kind == GROUND].mean(0) if (around.kind == GROUND).any() else np.zeros(3)
         beyond = np.where(plain[:, None] == GROUND, ground, 0)
         radiance = np.concatenate([around.radiance, np.broadcast_to(beyond, (*kind.shape[:2], 1, *beyond.shape))], 2)
-        values = self._values(light, coarse.directions(coarse.pixel_centres()), kind, radiance)
-        places = pixels * [coarse.width / camera.width, coarse.height / camera.height] - 0.5
-        return hidden_sky.along_rays(self.medium, eye, camera.directions(pixels), depth, around.distances,
-                                     _between(values, places))
+        return self._seen(light, rays, kind, radiance)
 
-    def _values(self, light: str, rays: np.ndarray, kind: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    def _seen(self, light: str, rays: np.ndarray, kind: np.ndarray, radiance: np.ndarray) -> np.ndarray:
         """The factor at points (h, w, k, 3) along coarse rays (h, w, 3), which see kind (h, w, k, d) and radiance
         (h, w, k, d, 3)."""
         weight = hidden_sky.weights(self.medium.phase(), rays, self.around.directions, self.around.solid_angles)
         side, above = self.scene.lights[light].comes_from, self.around.directions[:, 1] > 0
         if side == "below":
             return np.repeat(hidden_sky.left_of(weight, ~above, kind == GROUND), 3, -1)
-        strength = np.asarray(self.lights[light]["strength"], float)
+        strength = self.strength(light)
         types = {one.type for one in self.scene.lights.values()}
         things = np.where((kind == THING)[..., None], radiance, 0)
         if side == "above":
@@ -113,7 +124,7 @@ class Enclosed:
             own = clear_skylight(self.medium.phase(), rays[..., 1])[..., None] * strength
             return left if "ambient" in types else left + hidden_sky.instead(weight, things, own)
         return hidden_sky.instead(weight, things if "ground" in types else radiance,
-                                  np.broadcast_to(self.mean, (*rays.shape[:2], 3)))
+                                  np.broadcast_to(strength, rays.shape))
 
 
 def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -98,6 +98,7 @@ class Scattered:
         #: at the size at which glow is found: what surroundings make of light from all sides, in front or behind; V without
         #: shadows; and the light's transmittance on its way to surfaces
         self.factors: dict[tuple[str, bool], np.ndarray] = {}
+        self.reflections: dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]] = {}
         self.glows: dict[str, np.ndarray] = {}
         self.ways: dict[str, np.ndarray] = {}
         #: by what renders of their own size say that the latter is off
@@ -232,6 +233,17 @@ class Scattered:
                                                      self._solid_depth(small.width, small.height, view))
         return self._resampled(self.factors[key], view)
 
+    def _reflected(self, light: str, view: View) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance / pi (..., 3) at unit strength of what a room reflects and its fog scatters, in clear air and in fog."""
+        key = light, view is self.behind
+        if key not in self.reflections:
+            small = self._small_camera()
+            depth = self._solid_depth(small.width, small.height, view)
+            points = small.position + depth[..., None] * small.directions(small.pixel_centres())
+            faces = visible(small, self.scene.shapes, {})[1]
+            self.reflections[key] = self.enclosed.reflected(light, points, faces)
+        return tuple(self._resampled(one, view) for one in self.reflections[key])
+
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""
         eye, camera, small = self.scene.camera.position, self.scene.camera, self._small_camera()
@@ -284,13 +296,19 @@ class Scattered:
 
     def _transmittance(self, lights: list[str], view: View) -> np.ndarray:
         eye = np.exp(-view.optical_depth)
-        together = combined_transmittance(eye, (self._arriving(light, eye, view) for light in lights))
+        radiance = None
+        if any(map(self.enclosed.reflects, lights)):
+            radiance = np.maximum(read_map(self.build.photograph, self.depth.shape)[view.where].astype(float), 0)
+        together = combined_transmittance(eye, (self._arriving(light, eye, view) for light in lights), radiance)
         return np.where(self.without_surface[view.where][..., None], eye, together)
 
     def _arriving(self, light: str, eye: np.ndarray, view: View) -> tuple[np.ndarray, ...]:
         """The light's strength, and irradiance/pi (..., 3) at unit strength: direct, without fog and with it on both
         ways, and the same of what arrives by reflection."""
         one, strength = self.scene.lights[light], self.strengths[light]
+        if self.enclosed.reflects(light):
+            clear, foggy = self._reflected(light, view)
+            return strength, clear, foggy * eye, clear, foggy * eye
         if not self.scene.rendered(light):
             irradiance, on_the_way = one.arrival(self.medium, view.points, view.normals)
             clear = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)

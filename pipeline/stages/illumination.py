@@ -16,15 +16,15 @@ from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.rendering.daylight import daylight
 from pipeline.rendering.emit import Templates
-from pipeline.rendering.enclosed import write_surroundings
 from pipeline.rendering.runs import as_json, irradiance_run
 from pipeline.rendering.separated_lights import ALBEDO_RANGE, render, separated, sources
+from pipeline.rendering.surroundings_files import write_surroundings
 from pipeline.rendering.work import refuse_too_much
 from pipeline.scene.artefacts import image_size, plugin_from_json, read_json, read_placed, scene_place, write_json
 from pipeline.scene.placed import PlacedScene
 
-#: Pixels round a bulb that its blur fills.
-BULB_BORDER = 3
+#: Pixels round a bulb that its blur fills, and round any lamp that show some of it.
+BULB_BORDER, LAMP_BORDER = 3, 1
 
 
 def run(build: Build) -> None:
@@ -120,8 +120,9 @@ def _mean_radiance(build: Build, scene: PlacedScene, which: str) -> np.ndarray |
 
 
 def _lamps(build: Build, scene: PlacedScene) -> np.ndarray:
-    """Pixels (H, W) that show lamps."""
-    return (read_map(build.surfaces)[..., 1] >= 0) | _bulbs(scene)
+    """Pixels (H, W) that show lamps, or part of them."""
+    shown = (read_map(build.surfaces)[..., 1] >= 0) | _bulbs(scene)
+    return cv2.dilate(shown.astype(np.uint8), np.ones((2 * LAMP_BORDER + 1,) * 2, np.uint8)) > 0
 
 
 def _bulbs(scene: PlacedScene) -> np.ndarray:

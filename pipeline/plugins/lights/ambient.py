@@ -13,9 +13,11 @@ from pipeline.plugins.base import Colour, Light, parameter
 class Ambient(Light):
     """Light reflected about the room or street, from wherever the photograph shows it.
 
-    Its way counts as clear, as the sky's does outdoors: what the fog takes from it on one way it adds from
-    another, so that a room lit by it alone looks the same in fog that absorbs nothing. It costs no render. Its strength is
-    the mean of the photograph without its lamps. A stated radiance is the same from all sides, everywhere.
+    In a room with lamps it is all that arrives but straight from them: what fog lets through of what surfaces throw back, and
+    what it scatters again, any number of times, of that and of the lamps' light (pipeline/physics/fog_transport.py). Elsewhere
+    its way counts as clear, as the sky's does outdoors: what the fog takes from it on one way it adds from another, so that
+    what is lit by it alone looks the same in fog that absorbs nothing. It costs no render. Its strength is the mean of the
+    photograph without its lamps. A stated radiance is the same from all sides, everywhere.
     """
 
     type: Literal["ambient"] = "ambient"
@@ -26,7 +28,7 @@ class Ambient(Light):
     radiance: Colour | None = parameter(None, "photo unit", description="estimated when left out")
     unobstructed: bool = parameter(
         False, description="true: the same from all sides everywhere, as a stated radiance is; else what is estimated comes from"
-                           " where the photograph shows it")
+                           " where the photograph shows it, through the fog")
 
     def placed(self, name, world):
         return self

@@ -10,7 +10,7 @@ from pipeline.geometry.planes import polygon_area, polygon_midpoint, polygon_nor
 from pipeline.physics import polygon_glow
 from pipeline.physics.emitters import emitted_way, polygon_cells
 from pipeline.plugins.annotations import Outline, facing
-from pipeline.plugins.base import Colour, Light, Vector, parameter
+from pipeline.plugins.base import Colour, Light, Reaching, Vector, parameter
 
 
 #: A side; its square is what a render pays for.
@@ -61,6 +61,12 @@ class Area(Light):
         # behind the lamp some arrives all the same, by reflection: no point may get none at all
         cosine = np.clip((offset @ self.normal) / np.maximum(distance, 1e-12), 0.02, 1)
         return area * cosine / (distance**2 + area / np.pi), distance
+
+    def reaching(self, points):
+        offset = np.asarray(points, float) - self.midpoint()
+        path = np.linalg.norm(offset, axis=-1)
+        return Reaching(polygon_glow.solid_angle(np.asarray(points, float), self.outline.polygon),
+                        offset / np.maximum(path, 1e-12)[..., None], path)
 
     def midpoint(self):
         return polygon_midpoint(self.outline.polygon)

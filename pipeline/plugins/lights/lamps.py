@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from pipeline.physics import bulbs
 from pipeline.plugins.annotations import Position
-from pipeline.plugins.base import Colour, Light, mistake, parameter
+from pipeline.plugins.base import Colour, Light, Reaching, mistake, parameter
 
 
 class Lamps(Light):
@@ -82,6 +82,18 @@ class Lamps(Light):
             irradiance += one
             weighted += one * np.sqrt(squared)
         return irradiance, weighted / np.maximum(irradiance, 1e-300)
+
+    def reaching(self, points):
+        points = np.asarray(points, float)
+        total, towards = np.zeros(points.shape[:-1]), np.zeros(points.shape)
+        for position, share in zip(self.points, self.shares()):
+            offset = points - position
+            squared = (offset**2).sum(-1)
+            one = share / (squared + self.radius**2)
+            total += one
+            towards += (one / np.maximum(np.sqrt(squared), 1e-12))[..., None] * offset
+        length = np.linalg.norm(towards, axis=-1, keepdims=True)
+        return Reaching(total, towards / np.maximum(length, 1e-300), self.incident(points)[1])
 
     def in_scattering(self, medium, eye, directions, depth):
         return bulbs.bulbs(medium, eye, directions, depth, self.points, self.radius, self.shares())

@@ -13,7 +13,10 @@ from pipeline.geometry.shaft import Polyhedron, convex_hull, reaches_into, shaft
 from pipeline.physics import shaft_glow
 from pipeline.physics.shaft_glow import Shaft
 from pipeline.plugins.annotations import Outline, facing
-from pipeline.plugins.base import Colour, Direction, Light, Model, parameter
+from pipeline.plugins.base import Colour, Direction, Light, Model, Reaching, parameter
+
+#: Within so many metres of a shaft a point counts as in it.
+BORDER = 0.01
 
 
 class Opening(Model):
@@ -61,6 +64,18 @@ class Sun(Light):
                 irradiance += share
                 weighted_path += share * (distance + np.linalg.norm(centre - entry))
         return irradiance, weighted_path / irradiance
+
+    def reaching(self, points):
+        points, travels = np.asarray(points, float), np.asarray(self.direction, float)
+        lit, path = np.zeros(points.shape[:-1]), np.zeros(points.shape[:-1])
+        for one in shafts(self):
+            # the patches that end a shaft are its border
+            inside = np.any([(points @ planes[:, :3].T <= planes[:, 3] + BORDER).all(-1)
+                             for planes in map(np.asarray, one["hulls"])], axis=0)
+            normal = np.asarray(one["window_normal"])
+            travelled = np.maximum((points - one["window_point"]) @ normal / (travels @ normal), 0)
+            lit, path = np.where(inside, 1.0, lit), np.where(inside, travelled, path)
+        return Reaching(lit, np.broadcast_to(travels, points.shape), path)
 
     def entry_path(self, points, medium):
         # A point is lit through the window whose opening its light crosses nearest to the centre.
