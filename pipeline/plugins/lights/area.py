@@ -17,6 +17,8 @@ from pipeline.plugins.base import Colour, Light, Reaching, Vector, parameter
 MOST_SUB_LIGHTS = 32
 #: A side of the grid by which T's mean over the area is taken, at least: what is near a lamp sees it from aside.
 MIN_SIDE = 3
+#: Its half sizes beyond which the solid angle that it fills is a disc's, within a few per cent.
+FAR = 5.0
 
 
 class Area(Light):
@@ -63,10 +65,17 @@ class Area(Light):
         return area * cosine / (distance**2 + area / np.pi), distance
 
     def reaching(self, points):
-        offset = np.asarray(points, float) - self.midpoint()
+        points = np.asarray(points, float)
+        polygon, middle = self.outline.polygon, self.midpoint()
+        offset = points - middle
         path = np.linalg.norm(offset, axis=-1)
-        return Reaching(polygon_glow.solid_angle(np.asarray(points, float), self.outline.polygon),
-                        offset / np.maximum(path, 1e-12)[..., None], path)
+        travels = offset / np.maximum(path, 1e-12)[..., None]
+        # as a disc's, which a centre's own law comes to soon
+        area = polygon_area(polygon)
+        irradiance = area * np.maximum(travels @ self.normal, 0) / (path**2 + area / np.pi)
+        near = path < FAR * np.linalg.norm(polygon - middle, axis=1).max()
+        irradiance[near] = polygon_glow.solid_angle(points[near], polygon)
+        return Reaching(irradiance, travels, path)
 
     def midpoint(self):
         return polygon_midpoint(self.outline.polygon)
