@@ -26,6 +26,7 @@ from pipeline.side_by_side import side_by_side
 
 #: Points in the room, patches of its surfaces, and directions from each; directions from points before the photograph.
 POINTS, PATCHES, DIRECTIONS, VIEW_DIRECTIONS = 300, 300, 128, 96
+FEWEST_DIRECTIONS = 64
 #: Share of what is met beyond which nothing counts as the room's.
 OUTLIERS = 1e-3
 #: Places along each ray that show where the room is open.
@@ -87,9 +88,9 @@ def meets(points: np.ndarray, directions: np.ndarray, reach: np.ndarray, lamps: 
     return found
 
 
-def before(cut: Patches) -> np.ndarray:
-    """Directions (q, d, 3) that bring patches the same irradiance each."""
-    return np.stack([hemisphere(normal, DIRECTIONS) for normal in cut.normals])
+def before(cut: Patches, count: int) -> np.ndarray:
+    """Directions (q, count, 3) that bring patches the same irradiance each."""
+    return np.stack([hemisphere(normal, count) for normal in cut.normals])
 
 
 def sight(points: np.ndarray, directions: np.ndarray, weights: np.ndarray, reach: np.ndarray, radiance: np.ndarray,
@@ -124,9 +125,11 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     at_lamps = np.zeros(found.face.shape, bool)
     at_lamps[known] = meets(own, np.broadcast_to(found.directions, (len(own), *found.directions.shape)), found.reach[known], shining)
     found = replace(found, face=np.where(at_lamps, -1, found.face), radiance=np.where(at_lamps[..., None], 0, found.radiance))
-    share = min(share, MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (POINTS + PATCHES))
+    # as many fewer along each way
+    share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (POINTS + PATCHES)) ** (1 / 4))
+    count = max(FEWEST_DIRECTIONS, round(share * DIRECTIONS))
     normals, reach = face_normals(faces), found.reach[found.known]
-    cut = patches(faces, max(24, round(share * PATCHES)))
+    cut = patches(faces, max(24, round(share**2 * PATCHES)))
     cut = _sides(camera, found, normals, cut)
     view = of_view(camera, found, normals, cut)
     met = (own[:, None] + reach[..., None] * found.directions)[np.isfinite(reach)]
@@ -134,21 +137,21 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     farthest = float(np.linalg.norm(high - low))
     steps = np.minimum(reach, farthest)[..., None] * ((np.arange(ALONG) + 0.5) / ALONG)
     open_places = (own[:, None, None] + steps[..., None] * found.directions[:, None]).reshape(-1, 3)
-    within = lattice(open_places, low, high, max(24, round(share * POINTS)))
+    within = lattice(open_places, low, high, max(24, round(share**3 * POINTS)))
     wide = max(camera.width, camera.height) / AVERAGED
 
     def seen_from(place: tuple[np.ndarray, np.ndarray]):
         return around.look(*place, wide)
 
-    evenly = np.broadcast_to(sphere(DIRECTIONS), (len(within.points), DIRECTIONS, 3))
-    looks = list(side_by_side(seen_from, [*zip(within.points, evenly), *zip(_above(cut), before(cut))]))
+    evenly = np.broadcast_to(sphere(count), (len(within.points), count, 3))
+    looks = list(side_by_side(seen_from, [*zip(within.points, evenly), *zip(_above(cut), before(cut, count))]))
     sights, shown = [view], [(found.face[found.known], found.seen[found.known])]
-    for places, directions, some in ((within.points, evenly, looks[:len(evenly)]), (cut.points, before(cut), looks[len(evenly):])):
+    for places, directions, some in ((within.points, evenly, looks[:len(evenly)]), (cut.points, before(cut, count), looks[len(evenly):])):
         distance, face, radiance = (np.stack([getattr(look, part) for look in some]) for part in ("distance", "face", "radiance"))
         at_lamps = meets(places, directions, distance, shining)
         face[at_lamps], radiance[at_lamps] = -1, 0
         shown.append((face, np.stack([look.seen for look in some])))
-        sights.append(sight(places, directions, np.full(face.shape, 1 / DIRECTIONS), distance, radiance, face, normals, cut))
+        sights.append(sight(places, directions, np.full(face.shape, 1 / count), distance, radiance, face, normals, cut))
     unhidden = {name: _unhidden(light, cut, around.cast) for name, light in lamps.items()}
     room = RoomLight(within, sights[1], cut, sights[2], unhidden, np.concatenate([shown[1][0], shown[2][0]]))
     _light_unseen(sights, shown, room.lit_by(lamps, strengths))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 
 import cv2
@@ -35,6 +36,13 @@ class Enclosed:
         self.around, self.room = read_surroundings(build, scene.camera), read_room(build, scene)
         self.lights = read_json(build.illumination)["lights"]
         self.values: dict[str, np.ndarray] = {}
+
+    def in_fog(self, medium: Medium) -> Enclosed:
+        """The same of another fog."""
+        other = copy.copy(self)
+        other.medium, other.values = medium, {}
+        other.__dict__.pop("transport", None)
+        return other
 
     def changes(self, light: str) -> bool:
         return self.around is not None and asks(self.scene, self.scene.lights[light], self.lights[light]["source"])

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.estimation.fog_surroundings import DIRECTIONS as OUTDOORS, FogSurroundings, about, axis_of, fog_surroundings
-from pipeline.estimation.room_light import DIRECTIONS, VIEW_DIRECTIONS, RoomLight, before, face_normals, room_light, sight, sphere
+from pipeline.estimation.fog_surroundings import DIRECTIONS, FogSurroundings, about, axis_of, fog_surroundings
+from pipeline.estimation.room_light import VIEW_DIRECTIONS, RoomLight, before, face_normals, room_light, sight, sphere
 from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.lattice import Lattice
@@ -59,7 +59,7 @@ def write_surroundings(build: Build, scene: PlacedScene, lights: dict[str, dict]
         # in the open air the photograph shows what arrives of the sun and the sky: fog takes nothing of that
         triangles, indoors = scene.triangle_count(), not scene.outdoors and bool(lamps_of(scene))
         found = fog_surroundings(scene.camera, around, read_json(build.geometry).get("ground_faces", []), triangles, share,
-                                 VIEW_DIRECTIONS if indoors else OUTDOORS, indoors)
+                                 VIEW_DIRECTIONS if indoors else DIRECTIONS, indoors)
         if found is not None and indoors:
             strengths = {name: np.asarray(one["strength"], float) for name, one in lights.items()}
             found, room = room_light(scene.camera, around, found, [corners for _, corners in scene.faces()], lamps_of(scene),
@@ -100,13 +100,14 @@ def read_room(build: Build, scene: PlacedScene) -> RoomLight | None:
     within = Lattice(places[:count, 0], low, high, np.asarray(facts["cells"]))
     normals = face_normals([corners for _, corners in scene.faces()])
     radiance, (_, reach, face) = read_map(build.room).astype(float), _read_hits(build.room_hits)
+    each = reach.shape[1]
 
     def seen(part: slice, points: np.ndarray, directions: np.ndarray):
-        weights = np.full(reach[part].shape, 1 / DIRECTIONS)
+        weights = np.full(reach[part].shape, 1 / each)
         return sight(points, directions, weights, reach[part], radiance[part], face[part], normals, patches)
 
-    return RoomLight(within, seen(slice(count), within.points, np.broadcast_to(sphere(DIRECTIONS), (count, DIRECTIONS, 3))),
-                     patches, seen(slice(count, None), patches.points, before(patches)),
+    return RoomLight(within, seen(slice(count), within.points, np.broadcast_to(sphere(each), (count, each, 3))),
+                     patches, seen(slice(count, None), patches.points, before(patches, each)),
                      {name: places[count:, 2 + i, 0] for i, name in enumerate(facts["lamps"])}, face)
 
 

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from pipeline.annotate.preview.drafting import Draft
 from pipeline.errors import InputError
+from pipeline.imaging.maps import read_map
 from pipeline.physics.composition import INDIRECT_SHARE
 from pipeline.physics.visibility import visibility
 from pipeline.plugins.base import Medium
@@ -28,6 +29,8 @@ from pipeline.scene.placed import PlacedScene
 
 #: Of light on its way to surfaces less than this tells nothing; its logarithm stays finite.
 LEAST_WAY = 1e-12
+#: More light than so many times what there was without fog reaches no surface through it.
+MOST_WAY = 100.0
 #: Share of light scattered along the ray below which there is nothing to divide by.
 NOTHING = 1e-12
 #: Kinds of nodes: fogs exp(step) times as dense as the draft's, and fogs of another asymmetry.
@@ -78,8 +81,7 @@ class _Kept(Scattered):
         other = copy.copy(self)
         other.medium, other.extinction = medium, np.add(*medium.coefficients())
         other.fineness = replace(self.fineness, **COARSE_GLOW)
-        other.enclosed, other.factors = copy.copy(self.enclosed), {}
-        other.enclosed.medium = medium
+        other.enclosed, other.factors, other.reflections = self.enclosed.in_fog(medium), {}, {}
         other.glows, other.ways, other.rendered_offs, other.known, other.runs = {}, {}, {}, {}, {}
         other.front = other._view(self.front.full_depth, ...)
         return other
@@ -100,6 +102,9 @@ class Sliders:
         self.lock = threading.Lock()
         self.extinction = np.add(*draft.medium.coefficients())
         self.strengths = {name: np.asarray(one, float) for name, one in self.kept.strengths.items()}
+        #: lights that fog scatters to surfaces: these may get more of them than without
+        self.scattered = [name for name in self.lights if self.kept.enclosed.reflects(name)]
+        self.radiance = np.asarray(read_map(draft.build.photograph), np.float32) if self.scattered else None
         self.others: dict[str, list[_Node]] = {}
         self.own_rough: dict[str, list[_Node]] = {}
         #: whether all nodes are there
@@ -167,10 +172,15 @@ class Sliders:
         for name, path, glow in zip(self.lights, paths, glows):
             strength = strengths[name].astype(np.float32)
             below += strength * self.weights[name]
-            above += strength * self.weights[name] * np.exp(-extinction.astype(np.float32) * np.maximum(path, 0))
+            least = 0 if name not in self.scattered else -np.inf
+            above += strength * self.weights[name] * np.exp(-extinction.astype(np.float32) * np.maximum(path, least))
             total += (strength * scattering.astype(np.float32)) * np.exp(glow)
         with np.errstate(divide="ignore", invalid="ignore"):
             on_the_way = np.where(below > 0, above / below, np.float32(1))
+            if self.scattered:
+                # as `combined_transmittance`: what is brighter than its light shines itself
+                thrown_back = np.minimum(below / np.maximum(self.radiance, 1e-12), 1)
+                on_the_way = np.where(on_the_way > 1, np.minimum(1 + (on_the_way - 1) * thrown_back, np.exp(thick)), on_the_way)
         on_the_way[self.kept.without_surface] = 1
         filling = np.where(filled > NOTHING, total / np.maximum(filled, NOTHING), np.float32(0))
         return Maps(extinction, density[..., None], on_the_way, filling, strengths)
@@ -248,7 +258,7 @@ class _Node:
         eye = np.exp(-kept.front.optical_depth)
         with np.errstate(divide="ignore", invalid="ignore"):
             way = (reduced + INDIRECT_SHARE * reduced_indirect) / ((clear + INDIRECT_SHARE * indirect) * eye)
-        way = np.where(np.isfinite(way), np.clip(way, LEAST_WAY, 1), 1)
+        way = np.where(np.isfinite(way), np.clip(way, LEAST_WAY, MOST_WAY), 1)
         extinction, scattering = np.maximum(kept.extinction, 1e-30), np.maximum(kept.medium.coefficients()[1], 1e-30)
         return cls((-np.log(way) / extinction).astype(np.float32),
                    np.log(np.maximum(glow / scattering, 1e-30)).astype(np.float32))
