@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from pipeline.geometry.segments import blocked
-from pipeline.imaging.maps import read_map
 from pipeline.plugins.base import Medium, Shape
 from pipeline.rendering.emit import Run
 from pipeline.rendering.fineness import INTEGRATED, Fineness
@@ -121,8 +120,7 @@ class Converged(Scattered):
         return self.enclosed.factor(light, self.scene.camera, pixels[None], view.depth[None])[0]
 
     def _reflected(self, light: str, view: View) -> tuple[np.ndarray, np.ndarray]:
-        faces = np.round(read_map(self.build.surfaces, self.depth.shape)[..., 0][view.where]).astype(int)
-        return self.enclosed.reflected(light, view.points, faces)
+        return self.enclosed.reflected(light, view.points, self.faces[view.where])
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         eye = self.scene.camera.position

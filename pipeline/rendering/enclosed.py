@@ -21,6 +21,9 @@ from pipeline.rendering.surroundings_files import asks, lamps_of, read_room, rea
 from pipeline.scene.artefacts import read_json
 from pipeline.scene.placed import PlacedScene
 
+#: Longer side [pixel] at which light on one plane is found, and enlarged.
+PLANE_SIZE = 64
+
 
 class Enclosed:
     """Factors of the V of lights that come from all sides, by what stands round the fog.
@@ -74,6 +77,26 @@ class Enclosed:
         own = self.strength(light)
         return tuple(np.where(own > 0, np.einsum("...k,...kc->...c", weight, one[index]) / np.where(own > 0, own, 1), 1)
                      for one in (self.transport.clear, self.transport.E))
+
+    def reflected_in_view(self, light: str, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same (H, W, 3) of all pixels, which show these faces (H, W): on each face's plane it changes slowly, and is found at
+        some of its pixels."""
+        height, width = faces.shape
+        camera = self.scene.camera
+        small = camera.resized(*(max(2, round(PLANE_SIZE * n / max(width, height))) for n in (width, height)))
+        rays, corners = small.directions(small.pixel_centres()), [one for _, one in self.scene.faces()]
+        result = np.ones((2, height, width, 3), np.float32)
+        for face in np.unique(faces[faces >= 0]):
+            along = rays @ self._normals[face]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                depth = (corners[face].mean(0) - camera.position) @ self._normals[face] / along
+            # beside the horizon of its plane nothing shows it
+            depth = np.where(depth > 0, np.minimum(depth, self.transport.farthest), self.transport.farthest)
+            found = self.reflected(light, camera.position + depth[..., None] * rays, np.full(depth.shape, face))
+            shown = faces == face
+            for one, values in zip(result, found):
+                one[shown] = cv2.resize(values.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)[shown]
+        return result[0], result[1]
 
     @cached_property
     def _normals(self) -> np.ndarray:

@@ -92,13 +92,14 @@ class Scattered:
         self.depth = read_map(build.depth, size).astype(float)
         self.extinction = np.add(*self.medium.coefficients())
         surfaces = read_map(build.surfaces, size)
+        self.faces = np.round(surfaces[..., 0]).astype(int)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
         self.enclosed = Enclosed(build, self.scene, self.medium)
         #: at the size at which glow is found: what surroundings make of light from all sides, in front or behind; V without
         #: shadows; and the light's transmittance on its way to surfaces
         self.factors: dict[tuple[str, bool], np.ndarray] = {}
-        self.reflections: dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]] = {}
+        self.reflections: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self.glows: dict[str, np.ndarray] = {}
         self.ways: dict[str, np.ndarray] = {}
         #: by what renders of their own size say that the latter is off
@@ -235,14 +236,9 @@ class Scattered:
 
     def _reflected(self, light: str, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Irradiance / pi (..., 3) at unit strength of what a room reflects and its fog scatters, in clear air and in fog."""
-        key = light, view is self.behind
-        if key not in self.reflections:
-            small = self._small_camera()
-            depth = self._solid_depth(small.width, small.height, view)
-            points = small.position + depth[..., None] * small.directions(small.pixel_centres())
-            faces = visible(small, self.scene.shapes, {})[1]
-            self.reflections[key] = self.enclosed.reflected(light, points, faces)
-        return tuple(self._resampled(one, view) for one in self.reflections[key])
+        if light not in self.reflections:
+            self.reflections[light] = self.enclosed.reflected_in_view(light, self.faces)
+        return tuple(one[view.where] for one in self.reflections[light])
 
     def _unshadowed(self, light: str, view: View) -> np.ndarray:
         """V of a rendered light without shadows, at the size at which glow is rendered."""
