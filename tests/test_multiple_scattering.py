@@ -12,7 +12,9 @@ import pytest
 
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
+from tests.reference.path_tracer import SHARES, Fog, trace
 from tests.test_light_transport import DESCRIBED, run
+from tests.test_path_tracer import closed_room
 
 REFERENCE = Path(__file__).parent / "reference" / "multiple_scattering"
 
@@ -32,11 +34,13 @@ def foggy(folder, scattering, lights) -> tuple[np.ndarray, np.ndarray]:
     return read_map(build.foggy(".exr")), read_map(build.surfaces)[..., 1] < 0
 
 
+LAMP = {**DESCRIBED["area"], "radiance": [17.0, 12.0, 7.0]}
+
+
 @pytest.mark.parametrize("scattering", [0.1, 0.3])
 def test_ambient_light_stands_for_what_single_scattering_leaves_out(tmp_path, scattering):
-    lamp = {**DESCRIBED["area"], "radiance": [17.0, 12.0, 7.0]}
     true = read_map(REFERENCE / f"fog_{scattering}.exr")
-    ours, surface = foggy(tmp_path / "with", scattering, {"lamp": lamp, "reflected": {"type": "ambient"}})
+    ours, surface = foggy(tmp_path / "with", scattering, {"lamp": LAMP, "reflected": {"type": "ambient"}})
     # 512 samples a pixel leave 1 % in a median
     assert abs(np.median(ours[surface] / true[surface]) - 1) < 0.05
     away = cv2.erode(surface.astype(np.uint8), np.ones((3, 3)))[..., None]  # pixels at the lamp's rim show some of it
@@ -44,5 +48,22 @@ def test_ambient_light_stands_for_what_single_scattering_leaves_out(tmp_path, sc
     # measured: 1.3 and 2.2 %, worst 5 %; by a uniform field, as an ambient light is elsewhere, 2.8 and 7.5 %, worst 18 %
     off = blocks[0] / blocks[1] - 1
     assert np.sqrt((off**2).mean()) < 0.03 and np.abs(off).max() < 0.07
-    papers, _ = foggy(tmp_path / "without", scattering, {"lamp": lamp})
+    papers, _ = foggy(tmp_path / "without", scattering, {"lamp": LAMP})
     assert np.median(papers[surface] / true[surface]) < 0.75, "without it fog only darkens a room"
+
+
+def test_what_surfaces_send_and_what_fog_scatters_again(tmp_path):
+    """Each for itself, in sums over the picture: they do not make up for one another."""
+    _, surface = foggy(tmp_path, 0.3, {"lamp": LAMP, "reflected": {"type": "ambient"}})
+    away = cv2.erode(surface.astype(np.uint8), np.ones((3, 3))) > 0
+    room, out = closed_room(), tmp_path / "build/room"
+    rays = room.rays(48, 36)
+    sent, scattered = (trace(room, rays, Fog(0.0, 0.3), 64, 5, (start,)).reshape(len(SHARES), 36, 48, 3)[:, away].sum(1)
+                       for start in ("surface", "fog"))
+    surfaces = (read_map(out / "transmittance.exr") * read_map(REFERENCE / "clear.exr"))[away].sum(0)
+    # of that noise is 0.5 %
+    assert surfaces == pytest.approx(sent.sum(0), rel=0.015)
+    once = SHARES.index("single")
+    assert read_map(out / "in_scattering_lamp.exr")[away].sum(0) == pytest.approx(scattered[once], rel=0.015)
+    again = np.delete(scattered, once, 0).sum(0)
+    assert read_map(out / "in_scattering_reflected.exr")[away].sum(0) == pytest.approx(again, rel=0.04)

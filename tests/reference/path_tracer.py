@@ -67,10 +67,11 @@ class Fog:
         return Medium(self.absorption, self.scattering, self.phase, self.scale_height)
 
 
-def trace(room: Room, rays, fog: Fog | None, samples: int, seed: int) -> np.ndarray:
+def trace(room: Room, rays, fog: Fog | None, samples: int, seed: int, starts: tuple[str, ...] = ("surface", "fog")) -> np.ndarray:
     """Radiance (5, N, 3) of `SHARES` along each of the rays, the mean of so many paths a ray.
 
-    `rays`: of `room.rays`, N of them. Without fog the last three shares are zero.
+    `rays`: of `room.rays`, N of them. Without fog the last three shares are zero. starts: of which light, sent towards the eye
+    by surfaces or by the fog.
     """
     fog, rng, tracer = fog or Fog(0, 0), np.random.default_rng(seed), _Tracer(room)
     result = np.zeros((len(SHARES), len(rays.directions), 3))
@@ -85,9 +86,10 @@ def trace(room: Room, rays, fog: Fog | None, samples: int, seed: int) -> np.ndar
         on = pixel[surface]
         points = rays.points(on)
         hit = tracer.nearest(origin[surface], direction[surface])[1]
-        tracer.follow(result, on, points, direction[surface], rays.normals[on], room.albedos[hit],
-                      np.exp(-reach[on])[:, None] * np.ones(3), np.zeros(len(on), int), fog, rng)
-        if fog.scattering:
+        if "surface" in starts:
+            tracer.follow(result, on, points, direction[surface], rays.normals[on], room.albedos[hit],
+                          np.exp(-reach[on])[:, None] * np.ones(3), np.zeros(len(on), int), fog, rng)
+        if fog.scattering and "fog" in starts:
             met = -np.expm1(-reach[pixel])
             length = fog.distance(origin, direction, -np.log1p(-rng.random(len(pixel)) * met))
             tracer.follow(result, pixel, origin + length[:, None] * direction, direction, np.zeros((len(pixel), 3)),
