@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pipeline.estimation.fog_surroundings import fog_surroundings
-from pipeline.estimation.room_light import VIEW_DIRECTIONS, of_view, face_normals, room_light
+from pipeline.estimation.room_light import VIEW_DIRECTIONS, of_view, room_light
 from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.camera import from_field_of_view
 from pipeline.geometry.lattice import lattice
-from pipeline.geometry.patches import patches
+from pipeline.geometry.patches import areas_and_normals, patches
 from pipeline.geometry.raycast import first_hits
 from pipeline.physics.fog_transport import Transport
 from pipeline.plugins.registry import registry
@@ -75,7 +75,7 @@ def closed():
     light = own
     for _ in range(60):
         light = own + room.beside.mean(np.where(room.beside.patch[..., None] >= 0, ALBEDO * light[room.beside.patch], 0))
-    normals = face_normals(faces)
+    normals = areas_and_normals(faces)[1]
 
     def shown(points, face):
         towards = normals[face] * np.sign((normals[face] * (CAMERA.position - points)).sum(-1, keepdims=True))
@@ -177,7 +177,7 @@ def test_without_fog_nothing_changes(closed):
     (view, room), _, lamps = closed
     found = transport(room, fog(1e-9), lamps)
     assert found.E == pytest.approx(found.clear, rel=1e-5, abs=1e-8)
-    seen_there = of_view(CAMERA, view, face_normals(box(LOW, HIGH)), room.patches)
+    seen_there = of_view(CAMERA, view, areas_and_normals(box(LOW, HIGH))[1], room.patches)
     assert found.arriving(seen_there) == pytest.approx(seen_there.radiance, rel=1e-4, abs=1e-6)
 
 
@@ -185,7 +185,7 @@ def test_without_fog_nothing_changes(closed):
 def test_at_the_extremes(closed, scattering, absorption):
     (view, room), _, lamps = closed
     found = transport(room, fog(scattering, absorption, 0.9), lamps)
-    arriving = found.arriving(of_view(CAMERA, view, face_normals(box(LOW, HIGH)), room.patches))
+    arriving = found.arriving(of_view(CAMERA, view, areas_and_normals(box(LOW, HIGH))[1], room.patches))
     for values in (found.J, found.E, arriving):
         assert np.isfinite(values).all() and values.min() >= 0
     if absorption and not scattering:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import InputError
 from pipeline.estimation.fog_surroundings import AVERAGED, MOST_PAIRS, FogSurroundings
 from pipeline.estimation.surroundings import Surroundings, hemisphere
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.lattice import Lattice, lattice
-from pipeline.geometry.patches import Patches, patches
+from pipeline.geometry.patches import Patches, areas_and_normals, patches
 from pipeline.geometry.planes import polygon_normal
 from pipeline.geometry.raycast import first_hits
 from pipeline.geometry.visibility import COINCIDENT
@@ -54,17 +53,6 @@ class RoomLight:
     def lit_by(self, lights: dict[str, Any], strengths: dict[str, np.ndarray]) -> list[Lamp]:
         """Its lamps, of lights and strengths (3,) by name."""
         return [Lamp(lights[name].reaching, np.asarray(strengths[name], float), free) for name, free in self.unhidden.items()]
-
-
-def face_normals(faces: list[np.ndarray]) -> np.ndarray:
-    """(n, 3); of a face without area, which no ray meets, any."""
-    def of(corners: np.ndarray) -> np.ndarray:
-        try:
-            return polygon_normal(corners)
-        except InputError:
-            return np.array([0.0, 1.0, 0.0])
-
-    return np.array([of(corners) for corners in faces]).reshape(-1, 3)
 
 
 def sphere(count: int) -> np.ndarray:
@@ -128,7 +116,7 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     # as many fewer along each way
     share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (POINTS + PATCHES)) ** (1 / 4))
     count = max(FEWEST_DIRECTIONS, round(share * DIRECTIONS))
-    normals, reach = face_normals(faces), found.reach[found.known]
+    normals, reach = areas_and_normals(faces)[1], found.reach[found.known]
     cut = patches(faces, max(24, round(share**2 * PATCHES)))
     cut = _sides(camera, found, normals, cut)
     view = of_view(camera, found, normals, cut)

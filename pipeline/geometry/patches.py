@@ -9,8 +9,6 @@ import numpy as np
 import scipy
 import shapely
 
-from pipeline.errors import InputError
-from pipeline.geometry.planes import polygon_area, polygon_normal
 
 #: How much farther apart, in spacings, patches count as that look another way.
 TURNED = 2.0
@@ -48,16 +46,26 @@ class Patches:
         return np.concatenate([points / self.spacing, TURNED * normals], -1)
 
 
+def areas_and_normals(faces: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Areas (f,) [m^2] and normals (f, 3) of planar faces (n, 3), as their corners say (Newell's method); of a face without
+    area any normal."""
+    vectors, count = np.zeros((len(faces), 3)), np.array([len(corners) for corners in faces], int)
+    for n in np.unique(count):
+        some = np.flatnonzero(count == n)
+        corners = np.stack([faces[i] for i in some])
+        corners = corners - corners[:, :1]
+        vectors[some] = np.cross(corners, np.roll(corners, -1, 1)).sum(1) / 2
+    areas = np.linalg.norm(vectors, axis=-1)
+    normals = np.where(areas[:, None] > 0, vectors / np.where(areas, areas, 1)[:, None], [0.0, 1.0, 0.0])
+    return areas, normals
+
+
 def patches(faces: list[np.ndarray], count: int) -> Patches:
     """About `count` patches of planar faces (n, 3) [m]; normals as the corners say. Of faces much smaller than a patch
     some stand for others."""
-    shown = []
-    for corners in faces:
-        try:
-            shown.append((corners, polygon_area(corners), polygon_normal(corners)))
-        except InputError:  # nothing is seen of a face without area
-            continue
-    spacing = float(np.sqrt(sum(area for _, area, _ in shown) / count)) or 1.0
+    areas, turned = areas_and_normals(faces)
+    shown = [(faces[i], areas[i], turned[i]) for i in np.flatnonzero(areas > 0)]
+    spacing = float(np.sqrt(areas.sum() / count)) or 1.0
     points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for corners, area, normal in shown:
         cut = _cut(corners, normal, spacing) if area > spacing**2 else corners.mean(0)[None]

@@ -10,8 +10,9 @@ import numpy as np
 import scipy
 
 from pipeline.estimation.fog_surroundings import GROUND, SKY, THING
-from pipeline.estimation.room_light import face_normals, of_view
+from pipeline.estimation.room_light import of_view
 from pipeline.geometry.camera import Camera
+from pipeline.geometry.patches import areas_and_normals
 from pipeline.paths import Build
 from pipeline.physics import hidden_sky
 from pipeline.physics.airlight import clear_skylight
@@ -100,7 +101,7 @@ class Enclosed:
 
     @cached_property
     def _normals(self) -> np.ndarray:
-        return face_normals([corners for _, corners in self.scene.faces()])
+        return areas_and_normals([corners for _, corners in self.scene.faces()])[1]
 
     @cached_property
     def transport(self) -> Transport:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from pipeline.estimation.fog_surroundings import DIRECTIONS, FogSurroundings, about, axis_of, fog_surroundings
-from pipeline.estimation.room_light import VIEW_DIRECTIONS, RoomLight, before, face_normals, room_light, sight, sphere
+from pipeline.estimation.room_light import VIEW_DIRECTIONS, RoomLight, before, room_light, sight, sphere
 from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.lattice import Lattice
-from pipeline.geometry.patches import Patches
+from pipeline.geometry.patches import Patches, areas_and_normals
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import Light
@@ -98,7 +98,7 @@ def read_room(build: Build, scene: PlacedScene) -> RoomLight | None:
     patches = Patches(places[count:, 0], places[count:, 1], facts["spacing_m"])
     low, high = np.asarray(facts["box_m"])
     within = Lattice(places[:count, 0], low, high, np.asarray(facts["cells"]))
-    normals = face_normals([corners for _, corners in scene.faces()])
+    normals = areas_and_normals([corners for _, corners in scene.faces()])[1]
     radiance, (_, reach, face) = read_map(build.room).astype(float), _read_hits(build.room_hits)
     each = reach.shape[1]
 
