@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 
 from pipeline.estimation.fog_surroundings import AVERAGED, MOST_PAIRS, FogSurroundings
 from pipeline.estimation.surroundings import Surroundings, hemisphere
@@ -18,7 +19,6 @@ from pipeline.geometry.camera import Camera
 from pipeline.geometry.lattice import Lattice, lattice
 from pipeline.geometry.patches import Patches, areas_and_normals, patches
 from pipeline.geometry.planes import polygon_normal
-from pipeline.geometry.raycast import first_hits
 from pipeline.geometry.visibility import COINCIDENT
 from pipeline.physics.fog_transport import MOST_REFLECTED, Lamp, Sight
 from pipeline.side_by_side import side_by_side
@@ -68,11 +68,14 @@ def meets(points: np.ndarray, directions: np.ndarray, reach: np.ndarray, lamps: 
     throws back is nothing beside what it sends, and that is counted with the lamp."""
     found = np.zeros(reach.shape, bool)
     for polygon in lamps:
-        middle, normal = polygon.mean(0), polygon_normal(polygon)
-        for i, (point, rays) in enumerate(zip(points, directions)):
-            if (point - middle) @ normal > 0:
-                distance, index = (one[0] for one in first_hits(point, rays[None], [polygon]))
-                found[i] |= (index == 0) & (distance <= reach[i] * (1 + COINCIDENT))
+        normal, across = polygon_normal(polygon), polygon[1] - polygon[0]
+        axes = np.stack([across, np.cross(normal, across)]) / np.linalg.norm(across)
+        height = (points - polygon[0]) @ normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = height[:, None] / -(directions @ normal)
+            meeting = (height[:, None] > 0) & (distance > 0) & (distance <= reach * (1 + COINCIDENT))
+        flat = (points[np.nonzero(meeting)[0]] + distance[meeting][:, None] * directions[meeting] - polygon[0]) @ axes.T
+        found[meeting] |= shapely.contains_xy(shapely.Polygon((polygon - polygon[0]) @ axes.T), flat)
     return found
 
 
@@ -140,7 +143,7 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
         face[at_lamps], radiance[at_lamps] = -1, 0
         shown.append((face, np.stack([look.seen for look in some])))
         sights.append(sight(places, directions, np.full(face.shape, 1 / count), distance, radiance, face, normals, cut))
-    unhidden = {name: _unhidden(light, cut, around.cast) for name, light in lamps.items()}
+    unhidden = _unhidden(lamps, cut, around.cast)
     room = RoomLight(within, sights[1], cut, sights[2], unhidden, np.concatenate([shown[1][0], shown[2][0]]))
     _light_unseen(sights, shown, room.lit_by(lamps, strengths))
     radiance = found.radiance.copy()
@@ -164,13 +167,12 @@ def _above(cut: Patches) -> np.ndarray:
     return cut.points + LIFT * cut.spacing * cut.normals
 
 
-def _unhidden(light: Any, cut: Patches, cast: Callable) -> np.ndarray:
-    """1 for patches (q,) that nothing stands before on the light's way, else 0."""
-    found, free, start = light.reaching(cut.points), np.ones(len(cut.points)), _above(cut)
-    lit = found.irradiance * -(found.travels * cut.normals).sum(-1) > 0
-    for i in np.flatnonzero(lit):
-        free[i] = cast(start[i], -found.travels[i][None])[0][0] > (1 - NEAR_END) * found.path[i]
-    return free
+def _unhidden(lamps: dict[str, Any], cut: Patches, cast: Callable) -> dict[str, np.ndarray]:
+    """By lamp 1 for patches (q,) that nothing stands before on its way, else 0."""
+    found, start = [light.reaching(cut.points) for light in lamps.values()], _above(cut)
+    travels, path = np.stack([one.travels for one in found], 1), np.stack([one.path for one in found], 1)
+    free = np.stack([cast(place, -rays)[0] for place, rays in zip(start, travels)]) > (1 - NEAR_END) * path
+    return dict(zip(lamps, free.T.astype(float)))
 
 
 def _light_unseen(sights: Sequence[Sight], shown: Sequence[tuple[np.ndarray, np.ndarray]], lamps: list[Lamp]) -> None:
