@@ -224,3 +224,13 @@ def test_many_bulbs_reach_as_each_does():
     found = lamps.reaching(np.array([[0.0, 1.0, -2.0], [-1.0, 1.0, -2.0]]))
     assert found.irradiance[0] == pytest.approx(2 / (2 + 0.01)) and found.travels[0] == pytest.approx([0, -1, 0])
     assert np.linalg.norm(found.travels, axis=-1) == pytest.approx(1) and found.path[0] == pytest.approx(np.sqrt(2))
+
+
+def test_a_floor_without_walls():
+    """What it throws back is all there is; the fog above it is lit, and finite."""
+    floor = [np.array([[-2, 0, 1], [2, 0, 1], [2, 0, -4], [-2, 0, -4.0]])]
+    view, room = seen(floor, {"lamp": lamp()}, lambda points, face: np.where((face >= 0)[..., None], 0.3, 0.0) * np.ones(3))
+    found = transport(room, fog(0.3), {"lamp": lamp()})
+    assert len(room.lattice.points) > 20 and np.isfinite(found.J).all() and found.J.min() >= 0 < found.J.mean()
+    arriving = found.arriving(of_view(CAMERA, view, areas_and_normals(floor)[1], room.patches))
+    assert np.isfinite(arriving).all() and arriving.min() >= 0

@@ -105,8 +105,9 @@ def of_view(camera: Camera, found: FogSurroundings, normals: np.ndarray, among: 
 
 
 def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, faces: list[np.ndarray], lamps: dict[str, Any],
-               strengths: dict[str, np.ndarray], triangles: int, share: float = 1.0) -> tuple[FogSurroundings, RoomLight]:
-    """`found`, with what the photograph does not show lit as lamps do; and the room.
+               strengths: dict[str, np.ndarray], triangles: int, share: float = 1.0
+               ) -> tuple[FogSurroundings, RoomLight | None]:
+    """`found`, with what the photograph does not show lit as lamps do; and the room, None where its fog sees nothing.
 
     faces: corners (n, 3) [m] by index; lamps: lights that reach fog and surfaces from a place of their own; strengths: (3,)
     of each. triangles, share: as `fog_surroundings`.
@@ -124,7 +125,11 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     cut = _sides(camera, found, normals, cut)
     view = of_view(camera, found, normals, cut)
     met = (own[:, None] + reach[..., None] * found.directions)[np.isfinite(reach)]
+    if not len(met):
+        return found, None
     low, high = np.quantile(met, [OUTLIERS, 1 - OUTLIERS], axis=0)
+    # of a floor without walls the fog is what lies before the eye
+    low, high = np.minimum(low, own.min(0)), np.maximum(high, own.max(0))
     farthest = float(np.linalg.norm(high - low))
     steps = np.minimum(reach, farthest)[..., None] * ((np.arange(ALONG) + 0.5) / ALONG)
     open_places = (own[:, None, None] + steps[..., None] * found.directions[:, None]).reshape(-1, 3)
