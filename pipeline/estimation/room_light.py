@@ -112,15 +112,15 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     faces: corners (n, 3) [m] by index; lamps: lights that reach fog and surfaces from a place of their own; strengths: (3,)
     of each. triangles, share: as `fog_surroundings`.
     """
-    own, known = found.points(camera)[found.known], found.known
+    known = found.known
+    own, reach, normals = found.points(camera)[known], found.reach[known], areas_and_normals(faces)[1]
     shining = [polygon for polygon in (light.emitting_polygon() for light in lamps.values()) if polygon is not None]
     at_lamps = np.zeros(found.face.shape, bool)
-    at_lamps[known] = meets(own, np.broadcast_to(found.directions, (len(own), *found.directions.shape)), found.reach[known], shining)
+    at_lamps[known] = meets(own, np.broadcast_to(found.directions, (len(own), *found.directions.shape)), reach, shining)
     found = replace(found, face=np.where(at_lamps, -1, found.face), radiance=np.where(at_lamps[..., None], 0, found.radiance))
     # as many fewer along each way
     share = min(share, (MOST_PAIRS / (DIRECTIONS * max(triangles, 1)) / (POINTS + PATCHES)) ** (1 / 4))
     count = max(FEWEST_DIRECTIONS, round(share * DIRECTIONS))
-    normals, reach = areas_and_normals(faces)[1], found.reach[found.known]
     cut = patches(faces, max(24, round(share**2 * PATCHES)))
     cut = _sides(camera, found, normals, cut)
     view = of_view(camera, found, normals, cut)
@@ -141,7 +141,7 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
 
     evenly = np.broadcast_to(sphere(count), (len(within.points), count, 3))
     looks = list(side_by_side(seen_from, [*zip(within.points, evenly), *zip(_above(cut), before(cut, count))]))
-    sights, shown = [view], [(found.face[found.known], found.seen[found.known])]
+    sights, shown = [view], [(found.face[known], found.seen[known])]
     for places, directions, some in ((within.points, evenly, looks[:len(evenly)]), (cut.points, before(cut, count), looks[len(evenly):])):
         distance, face, radiance = (np.stack([getattr(look, part) for look in some]) for part in ("distance", "face", "radiance"))
         at_lamps = meets(places, directions, distance, shining)
@@ -152,9 +152,9 @@ def room_light(camera: Camera, around: Surroundings, found: FogSurroundings, fac
     room = RoomLight(within, sights[1], cut, sights[2], unhidden, np.concatenate([shown[1][0], shown[2][0]]))
     _light_unseen(sights, shown, room.lit_by(lamps, strengths))
     radiance = found.radiance.copy()
-    radiance[found.known] = sights[0].radiance
+    radiance[known] = sights[0].radiance
     for k in range(1, radiance.shape[2]):
-        gone = ~found.known[..., k]
+        gone = ~known[..., k]
         radiance[gone, k] = radiance[gone, k - 1]
     return replace(found, radiance=radiance), room
 
