@@ -313,7 +313,7 @@ $(S)/illumination.json: $(call beside,$(S)/$(W)albedo.exr $(around) $(patsubst %
 	$(run) illumination
 $(O)/plan.json: $(S)/illumination.json $(O)/inputs/fog.json $(O)/inputs/fog_files.json $(O)/inputs/render.json \
   $(S)/inputs/templates.json templates/SHA256SUMS $(filter-out $(clear_templates) $(closure_templates),$(templates)) \
-  $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py) pipeline/planning/*) $(call code,plan,$(geometry))
+  $(wildcard $(addprefix pipeline/rendering/,runs.py fineness.py own_templates.py surroundings_files.py) pipeline/planning/*) $(call code,plan,$(geometry))
 	$(call chain,plan)
 $(O)/pov/emitted.json: $(O)/plan.json $(S)/inputs/templates.json \
   $(filter-out $(clear_templates) $(closure_templates),$(templates)) $(wildcard $(addprefix pipeline/rendering/,emit.py pruning.py)) $(call code,emit,$(geometry))

@@ -1,9 +1,25 @@
 """`python -m pipeline`."""
 
+import ctypes
 import signal
 import sys
 
 from pipeline.cli import main
+
+#: glibc's names for what `_keep_freed_memory` sets (malloc.h), and how much is kept [byte].
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+KEPT, LARGEST = 2**31 - 1, 2**30
+
+
+def _keep_freed_memory() -> None:
+    """Arrays as large as a photograph are made and freed all the time: given back to the system in between, its pages would be
+    cleared anew each time, a quarter of the seconds that 24 megapixels take. Where there is no glibc nothing is set."""
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError):
+        return
+    mallopt(M_MMAP_THRESHOLD, LARGEST)
+    mallopt(M_TRIM_THRESHOLD, KEPT)
 
 
 def _ended(number, frame):
@@ -13,4 +29,5 @@ def _ended(number, frame):
 
 for ending in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(ending, _ended)
+_keep_freed_memory()
 sys.exit(main())

@@ -13,7 +13,7 @@ from pipeline.scene.artefacts import for_stage
 
 #: Stages with a function `beforehand`, whose result `run` takes, and the last stage that it needs: it runs beside those in
 #: between, which mostly wait for POV-Ray.
-BESIDE = {"decompose": "plan"}
+BESIDE = {"decompose": "plan", "composite": "plan"}
 
 
 def run(build: Build, names: Sequence[str], *, done: Callable[[str, float], None],

@@ -153,7 +153,9 @@ def test_somebody_elses_folder(tiny_scene):
         if folder.stat().st_uid == 0 and folder.name.startswith(("pytest", tiny_scene.root.name)):
             folder.chmod(0o755)
     child = ("import os, sys; from pipeline.cli import main; import pipeline.stages.camera;"
-             "import pipeline.stages.photograph, pipeline.scene.load;"
+             "import pipeline.stages.photograph, pipeline.stages.resolve, pipeline.scene.model;"
+             # all plugins while its Python may still be read
+             "pipeline.scene.model.scene_model();"
              f"os.setgid({NOBODY}); os.setuid({NOBODY}); sys.exit(main(sys.argv[1:]))")
     for stage in ("resolve", "photograph", "camera"):
         done = subprocess.run(

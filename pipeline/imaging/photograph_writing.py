@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +38,14 @@ def write(path: str | os.PathLike, radiance: np.ndarray, like: Photograph,
 
 
 def write_with_png(path: str | os.PathLike, png: str | os.PathLike, radiance: np.ndarray, like: Photograph,
-                   metadata: Metadata = {}) -> None:
-    """As `write` and, after that, `write_png`; what both store alike is encoded once."""
+                   metadata: Metadata = {}, finished: Callable[[], None] | None = None) -> None:
+    """As `write` and, after that, `write_png`; what both store alike is encoded once.
+
+    finished: called between the two; what it raises leaves the PNG as it was.
+    """
     values = _write(Path(path), radiance, like, metadata)
+    if finished:
+        finished()
     channels = values.shape[2] - (like.alpha is not None)
     encoding, sample_type = _for_screen(like, channels)
     if sample_type == like.sample_type and encoding is _fitting_encoding(like, channels):

@@ -7,6 +7,7 @@ import platform
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr
@@ -17,10 +18,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
+from pipeline import chain
 from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
-from pipeline.planning.model import HALF_SHADOWS, Calibration, concerned, demands_from_json, level_of, seconds_of
+from pipeline.planning.model import FULL_SIZE_MAPS, HALF_SHADOWS, Calibration, concerned, demands_from_json, level_of, seconds_of
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
@@ -40,6 +42,9 @@ LEVELS: dict[str, list[Any]] = {
     "samples": [4, 8, 16], "shadow_lights": [2, 3, 4], "shaft_samples": [6, 12, 24, 48]}
 #: Pixels made as finely as it takes, to which all are compared.
 PIXELS = 200
+#: Longer side [pixel] of the photograph that is large.
+LARGE = 3000
+PHOTOGRAPH_STAGES = ("photograph", "camera", "geometry", "sun_direction", "illumination")
 #: Longer sides [pixel] of T's renders that are measured.
 T_SIZES = [64, 128]
 #: Share of V below which what a knob adds to its error is lost among the rest.
@@ -151,7 +156,7 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
     rays, exponent = _glow(lit)
     constants = {"wait": wait - start, "render": start, "light_sample": sample, "face": face, "shaft_sample": shaft_sample,
                  "surface_light": sample * 1e6, "glow_ray": rays, "glow_ray_exponent": exponent,
-                 "fixed": 0.0, "megapixel": 0.0, "megapixel_of_light": 0.0}
+                 **dict.fromkeys(("fixed", "megapixel", "megapixel_of_light", "full_size_map", "room"), 0.0)}
     # what is left of whole chains, over their megapixels and lights
     left, rows = [], []
     for build in builds:
@@ -162,12 +167,13 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
             known = seconds_of(demand, fineness_from_json(plan["fineness"]),
                                Calibration(constants, {}, os.cpu_count() or 1, ""))
             left.append(sum(taken.values()) - known)
-            rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights)])
+            rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights), float(demand.reflecting)])
     # each counts by its share of what it took, none below nothing
     weights = 1 / np.maximum(left, 0.3)
     fitted = nnls(np.array(rows) * weights[:, None], np.array(left) * weights)[0]
-    constants |= dict(zip(("fixed", "megapixel", "megapixel_of_light"), map(float, fitted)))
+    constants |= dict(zip(("fixed", "megapixel", "megapixel_of_light", "room"), map(float, fitted)))
     constants["fixed"] += _imports()
+    constants["full_size_map"] = _full_size_map(lit)
     return constants
 
 
@@ -220,6 +226,17 @@ def _glow(build: Build) -> tuple[float, float]:
         taken.append((tolerance, (time.monotonic() - start) / depth.size))
     exponent, factor = np.polyfit(*np.log(taken).T, 1)
     return float(np.exp(factor)), float(exponent)
+
+
+def _full_size_map(build: Build) -> float:
+    """Seconds a megapixel of one map at the size of a large photograph, where it is enlarged: the scene's own, resampled."""
+    with tempfile.TemporaryDirectory(dir=build.builds) as folder:
+        large, taken = replace(build, builds=Path(folder)), {}
+        subprocess.run([sys.executable, "-m", "pipeline", "resolve", "--scene", large.scene, "--scenes", str(large.scenes), "--build",
+                        folder, "--set", f"photograph.size={LARGE}"], check=True, stderr=subprocess.DEVNULL)
+        chain.run(large, PHOTOGRAPH_STAGES + FOG_STAGES, done=taken.__setitem__)
+        demand = demands_from_json(read_json(large.plan)["demands"])
+    return taken["composite"] / (demand.full_size * (len(demand.lights) + FULL_SIZE_MAPS))
 
 
 def _imports() -> float:

@@ -52,6 +52,8 @@ class Demands:
     """width, height [pixel]; faces: of all shapes; steps: samples a ray that uneven fog needs, 1 where it is even.
 
     depth: optical depth of the longest ray; surfaces: share of the foggy picture that comes from surfaces through it.
+    full_size [megapixel]: of the photograph, where maps are enlarged to that, else 0. reflecting: whether light of all orders
+    is worked out between a room's surfaces and its fog.
     """
 
     width: int
@@ -61,6 +63,8 @@ class Demands:
     depth: float
     surfaces: float
     lights: list[LightDemand]
+    full_size: float = 0.0
+    reflecting: bool = False
 
     @property
     def megapixels(self) -> float:
@@ -79,7 +83,8 @@ class Demands:
 
 
 def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strengths: dict[str, np.ndarray],
-            lights: list[str], shaded: Container[str], by_template: Container[str], steps: int) -> Demands:
+            lights: list[str], shaded: Container[str], by_template: Container[str], steps: int, full_size: float = 0.0,
+            reflecting: bool = False) -> Demands:
     """photograph (H, W, 3), linear; strengths (3,) of each light, lights: those that are made."""
     points, directions = surface_grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points))
@@ -98,7 +103,7 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
             _surface_lights(scene, medium, name)))
     depth = float(np.add(*medium.coefficients()).max()) * 2 * scene.extent()
     return Demands(scene.camera.width, scene.camera.height, len(scene.faces()), steps, depth,
-                   _rms(dimmed / level), found)
+                   _rms(dimmed / level), found, full_size, reflecting)
 
 
 def _work(scene: PlacedScene, medium: Medium, name: str, shaded: Container[str], by_template: Container[str]) -> str:

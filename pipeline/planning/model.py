@@ -21,6 +21,11 @@ from pipeline.rendering.runs import glow_size
 
 #: Constants as measured on one machine; those of this machine stand in the build folder once `make calibrate` ran.
 CARRIED = Path(__file__).with_name("calibration.json")
+#: Names of the constants of time [s], each of what its name says: of one core where POV-Ray or an integral works.
+SECONDS = ("wait", "render", "light_sample", "face", "shaft_sample", "surface_light", "glow_ray", "glow_ray_exponent", "fixed",
+           "megapixel", "megapixel_of_light", "full_size_map", "room")
+#: Besides V of each light, what is written of a large photograph at its own size: T, V and the foggy photograph.
+FULL_SIZE_MAPS = 3
 #: Ways of making T without a render, in the order of their factors.
 HALF_SHADOWS = (INTEGRATED, MIDPOINT)
 #: So many times as far off are a bulb's samples where all of its V is rendered, and not only what shadows take.
@@ -50,7 +55,7 @@ def calibration(builds: Path | None = None) -> Calibration:
         stated = json.loads(path.read_text(encoding="utf-8"))
         if len(stated["error"]["half_shadow"]) != len(HALF_SHADOWS):
             raise ValueError("half_shadow is of another version")
-        return Calibration({k: float(v) for k, v in stated["seconds"].items()},
+        return Calibration({name: float(stated["seconds"][name]) for name in SECONDS},
                            {k: [float(x) for x in v] for k, v in stated["error"].items()}, int(stated["cores"]), path.name)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"holds no calibration ({error})", place=str(path),
@@ -60,7 +65,8 @@ def calibration(builds: Path | None = None) -> Calibration:
 def seconds_of(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
     """Wall time [s] from the plan to the foggy photograph."""
     c = constants.seconds
-    total, in_povray, renders = c["fixed"] + c["megapixel"] * demand.megapixels, 0.0, 0
+    total, in_povray, renders = c["fixed"] + c["megapixel"] * demand.megapixels + c["room"] * demand.reflecting, 0.0, 0
+    total += c["full_size_map"] * demand.full_size * (len(demand.lights) + FULL_SIZE_MAPS)
     integrated = 0.0
     for light in demand.lights:
         in_povray += _render_seconds(demand, light, fineness, c)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,13 @@ def read_surroundings(build: Build, camera: Camera) -> FogSurroundings | None:
     kind, reach, face = (one.reshape(shape) for one in _read_hits(build.surrounding_hits))
     radiance = read_map(build.surroundings).astype(float).reshape(*shape, 3)
     return FogSurroundings(distances, kind, radiance, reach, face, *about(axis_of(camera), kind.shape[-1]))
+
+
+def is_room(build: Build, scene: PlacedScene, lights: Iterable[str]) -> bool:
+    """Whether one of the lights is all that a room reflects, which each of its fogs changes."""
+    facts = read_json(build.illumination)
+    return bool((facts.get("surroundings") or {}).get("room")) and any(
+        scene.lights[name].comes_from == "all" and asks(scene, scene.lights[name], facts["lights"][name]["source"]) for name in lights)
 
 
 def read_room(build: Build, scene: PlacedScene) -> RoomLight | None:

@@ -7,6 +7,7 @@ T and V of a photograph larger than its working size are enlarged here, strip by
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -19,8 +20,13 @@ from pipeline.rendering.enlarged import enlarged
 from pipeline.scene.artefacts import fog_metadata, read_fog, read_json, read_photograph, read_strengths, working
 
 
-def run(build: Build) -> None:
-    photograph, medium = read_photograph(build), read_fog(build)
+def beforehand(build: Build) -> photographs.Photograph:
+    """`run` takes what this reads while POV-Ray renders."""
+    return read_photograph(build)
+
+
+def run(build: Build, photograph: photographs.Photograph | None = None) -> None:
+    photograph, medium = photograph or read_photograph(build), read_fog(build)
     metadata = fog_metadata(build, medium)
     reduced = working(build).reduced
     strips = enlarged(build, read_json(build.plan)["lights"], metadata) if reduced else None
@@ -51,12 +57,14 @@ def run(build: Build) -> None:
         foggy = foggy.astype(np.float32)
     if settings["exposure"]:
         foggy *= np.float32(2.0 ** settings["exposure"])
-    if photograph.suffix != ".exr":
-        _write_linear(build, foggy, photograph, metadata, reduced)
-    if photograph.suffix == ".png":
-        photographs.write_png(build.foggy(".png"), foggy, photograph)
-    else:
-        photographs.write_with_png(build.foggy(photograph.suffix), build.foggy(".png"), foggy, photograph, metadata)
+    with ThreadPoolExecutor(1) as beside:
+        linear = beside.submit(_write_linear, build, foggy, photograph, metadata, reduced) if photograph.suffix != ".exr" else None
+        finished = linear.result if linear else None
+        if photograph.suffix == ".png":
+            finished()
+            photographs.write_png(build.foggy(".png"), foggy, photograph)
+        else:
+            photographs.write_with_png(build.foggy(photograph.suffix), build.foggy(".png"), foggy, photograph, metadata, finished)
 
 
 def _lamps(build: Build) -> dict[int, np.ndarray]:
