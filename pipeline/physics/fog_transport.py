@@ -47,12 +47,11 @@ class Sight:
     def lit(self, lamps: list["Lamp"], medium: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """Irradiance / pi (n, d, 3) that lamps give what is seen, in clear air and in fog; 0 where nothing is."""
         solid = self.patch >= 0
-        clear, foggy = np.zeros((2, *self.patch.shape, 3))
-        places = (self.points[:, None] + np.where(solid, self.reach, 0)[..., None] * self.directions)[solid]
-        for lamp in lamps:
-            for total, one in zip((clear, foggy), lamp.on(places, self.normals[solid], self.patch[solid], medium)):
-                total[solid] += one
-        return clear, foggy
+        places = self.points[np.nonzero(solid)[0]] + self.reach[solid][:, None] * self.directions[solid]
+        normals, patch = self.normals[solid], self.patch[solid]
+        found = np.zeros((2, *self.patch.shape, 3))
+        found[:, solid] = sum((np.stack(lamp.on(places, normals, patch, medium)) for lamp in lamps), np.zeros((2, *places.shape)))
+        return found[0], found[1]
 
     def mean(self, radiance: np.ndarray) -> np.ndarray:
         """(n, 3) of what arrives (n, d, 3)."""

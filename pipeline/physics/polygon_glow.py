@@ -28,16 +28,22 @@ Path = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 def solid_angle(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     """Solid angle [sr], (...), of a polygon (n, 3) from `points` (..., 3): positive where its normal points to, else 0."""
-    from_point = polygon - points[..., None, :]
-    length = np.linalg.norm(from_point, axis=-1)
-    a, la = from_point[..., 0, :], length[..., 0]
+    points = np.asarray(points, float)
+    from_corner = [points - corner for corner in polygon]
+    squares = [np.einsum("...i,...i->...", one, one) for one in from_corner]
+    lengths = [np.sqrt(one) for one in squares]
+
+    def product(i: int, j: int) -> np.ndarray:
+        """Scalar product (...) of the ways to two corners, by the side between them."""
+        return (squares[i] + squares[j] - ((polygon[i] - polygon[j]) ** 2).sum()) / 2
+
     total = np.zeros(points.shape[:-1])
     for k in range(1, len(polygon) - 1):
-        b, c, lb, lc = from_point[..., k, :], from_point[..., k + 1, :], length[..., k], length[..., k + 1]
-        triple = np.einsum("...i,...i->...", a, np.cross(b, c))
-        below = (la * lb * lc + np.einsum("...i,...i->...", a, b) * lc + np.einsum("...i,...i->...", a, c) * lb
-                 + np.einsum("...i,...i->...", b, c) * la)
-        total += 2 * np.arctan2(-triple, below)
+        a, b, c = lengths[0], lengths[k], lengths[k + 1]
+        # of the three ways' triple product only the height above the triangle depends on the point
+        triple = from_corner[0] @ np.cross(polygon[k] - polygon[0], polygon[k + 1] - polygon[0])
+        below = (a * b + product(0, k)) * c + product(0, k + 1) * b + product(k, k + 1) * a
+        total += 2 * np.arctan2(triple, below)
     return np.clip(total, 0, 2 * np.pi)
 
 

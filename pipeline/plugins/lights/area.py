@@ -68,7 +68,7 @@ class Area(Light):
         points = np.asarray(points, float)
         polygon, middle = self.outline.polygon, self.midpoint()
         offset = points - middle
-        path = np.linalg.norm(offset, axis=-1)
+        path = np.sqrt(np.einsum("...i,...i->...", offset, offset))
         travels = offset / np.maximum(path, 1e-12)[..., None]
         # as a disc's, which a centre's own law comes to soon
         area = polygon_area(polygon)
