@@ -33,11 +33,11 @@ class StillPreview:
     def geometry(self, data):
         return None, []
 
-    def estimate(self, data):
+    def estimate(self, data, rough=lambda: None):
         self.asked.append(data)
         return []
 
-    def foggy(self, fog=None, gains=None):
+    def foggy(self, fog=None, gains=None, quickly=False):
         self.asked.append((fog, gains))
         return np.full((6, 8, 3), 128, np.uint8)
 

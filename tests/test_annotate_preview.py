@@ -221,6 +221,28 @@ def test_fog_alone_redoes_no_light(made, monkeypatch):
     assert stages == [] and preview.is_exact(denser["fog"])
 
 
+def test_another_geometry_is_shown_at_once_in_the_light_that_was_there(preview, data):
+    seen = []
+
+    def rough():
+        seen.append((preview.foggy(), preview.is_current(changed), preview.is_exact(changed["fog"])))
+
+    changed = copy.deepcopy(data)
+    preview.estimate(data, rough)
+    assert not seen, "no light was there"
+    before = preview.foggy()
+    changed["shapes"]["room"] |= {"lower": [-1, 0.4, -4.2], "upper": [1.5, 2.5, 1]}
+    preview.estimate(changed, rough)
+    (shown, is_current, is_exact), = seen
+    after = preview.foggy()
+    assert not is_current and not is_exact and preview.is_current(changed)
+    assert rms(shown, after) < 6 < rms(before, after)
+    # neither other fog alone, nor a light of which nothing is known yet
+    for key, value in (("fog", {**data["fog"], "visibility": 5}), ("lights", {**changed["lights"], "second": changed["lights"]["bulb"]})):
+        changed = {**changed, key: value}
+        assert preview.estimate(changed, rough) == [] and preview.is_current(changed) and len(seen) == 1
+
+
 def test_what_is_cancelled_is_never_shown_as_new(preview, data, monkeypatch):
     preview.estimate(data)
     before, changed = preview.foggy(), copy.deepcopy(data)

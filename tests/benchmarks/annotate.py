@@ -33,9 +33,10 @@ def slider(person: Person, name: str, values) -> list[float]:
         return window.annotate.shown.at - began; }}""") for value in values]
 
 
-def geometry(person: Person, corner: tuple[float, float], step: float, times: int) -> list[float]:
-    """Milliseconds from each release of a dragged corner to the picture of the fog in the changed room."""
-    found = []
+def geometry(person: Person, corner: tuple[float, float], step: float, times: int) -> tuple[list[float], list[float]]:
+    """Milliseconds from each release of a dragged corner to the first picture of the fog in the changed room, and to that in
+    light that was estimated anew."""
+    first, last = [], []
     for turn in range(times):
         other = (corner[0] + (step if turn % 2 == 0 else 0), corner[1])
         start = (corner[0] + (0 if turn % 2 == 0 else step), corner[1])
@@ -44,9 +45,13 @@ def geometry(person: Person, corner: tuple[float, float], step: float, times: in
         count = person.page.evaluate("window.annotate.shown.count")
         person.drag(start, other)
         began = person.page.evaluate("window.annotate.acted")
-        person.until(f"() => window.annotate.shown.count > {count} && !document.querySelector('.busy')")
-        found.append(person.page.evaluate("window.annotate.shown.at") - began)
-    return found
+        person.until(f"() => window.annotate.shown.count > {count}")
+        first.append(person.page.evaluate("window.annotate.shown.at") - began)
+        person.until("() => !document.querySelector('.busy')")
+        # the picture comes after the word that it is there
+        person.page.wait_for_timeout(400)
+        last.append(person.page.evaluate("window.annotate.shown.at") - began)
+    return first, last
 
 
 def told(what: str, milliseconds: list[float]) -> str:
@@ -75,7 +80,9 @@ def main() -> None:
                 person.choose(boxes[0])
                 name, corner = next(iter(served.data()["shapes"][boxes[0]]["corners"].items()))
                 person.until("() => Bokeh.documents[0].get_model_by_name('handles').data.x.length > 0")
-                print(told(f"  {boxes[0]}'s corner", geometry(person, tuple(corner), side / 40, CHANGES)), flush=True)
+                first, last = geometry(person, tuple(corner), side / 40, CHANGES)
+                print(told(f"  {boxes[0]}'s corner, roughly", first))
+                print(told(f"  {boxes[0]}'s corner, in new light", last), flush=True)
             person.leave()
             served.end()
 

@@ -22,6 +22,8 @@ from pipeline.errors import InputError
 log = logging.getLogger(__name__)
 #: Seconds of quiet after which a change is saved, and after which light and fog are worked out anew.
 SAVE_AFTER, ESTIMATE_AFTER = 0.4, 0.15
+#: Seconds that a slider rests before its picture has all its pixels.
+WHOLE_AFTER = 0.25
 #: Seconds between looks at the file, which a person's editor may have changed.
 LOOK_EVERY = 1.0
 #: JPEG of the foggy picture on its way to a browser on the same machine.
@@ -87,7 +89,7 @@ class Desk:
         self.executors = (quick, slow)
         self._geometry = Newest(quick, loop, preview.geometry, self._placed)
         self._fog = Newest(quick, loop, self._jpeg, self._pictured)
-        self._estimate = Newest(slow, loop, preview.estimate, self._estimated)
+        self._estimate = Newest(slow, loop, lambda data: preview.estimate(data, lambda: loop(self._roughly)), self._estimated)
         self._stamp = self._file_stamp()
         self._recompute()
 
@@ -217,19 +219,27 @@ class Desk:
             self.fault = str(error)
         self.tell("shown", "state")
 
-    def show_fog(self, fog: dict, gains: dict) -> None:
-        """The foggy picture with these of the fog's values and lights' gains, from the maps that are there."""
+    def _roughly(self) -> None:
+        if self._estimate.waiting is None:
+            self.show_fog(*stated(self.document.data))
+
+    def show_fog(self, fog: dict, gains: dict, quickly: bool = False) -> None:
+        """The foggy picture with these of the fog's values and lights' gains, from the maps that are there; quickly: first with
+        fewer pixels, for more are to follow."""
         self.tried = (fog, gains)
-        self._fog.give(fog or None, gains or None)
+        self._fog.give(fog or None, gains or None, quickly)
 
-    def _jpeg(self, fog, gains) -> bytes:
-        picture = np.asarray(self.preview.foggy(fog, gains))
-        return cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    def _jpeg(self, fog, gains, quickly) -> tuple[bytes, bool]:
+        picture = np.asarray(self.preview.foggy(fog, gains, quickly))
+        return cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes(), quickly
 
-    def _pictured(self, picture, error) -> None:
+    def _pictured(self, result, error) -> None:
         if error is None:
-            self.picture = picture
+            self.picture, quickly = result
             self.picture_count += 1
+            if quickly and self._fog.waiting is None:
+                count = self.picture_count
+                self.later(WHOLE_AFTER, lambda: self.show_fog(*self.tried) if count == self.picture_count else None)
         elif not isinstance(error, InputError):
             self.fault = str(error)
         self.tell("picture")

@@ -197,7 +197,7 @@ class Page(Drawing):
         if slider is not None:
             fog, gains = dict(self.desk.tried[0]), dict(self.desk.tried[1])
             slider.tries(slider.value_of(command.get("value")), fog, gains)
-            self.desk.show_fog(fog, gains)
+            self.desk.show_fog(fog, gains, quickly=True)
 
     def on_slid(self, command) -> None:
         """The slider was let go: its value goes into the scene."""

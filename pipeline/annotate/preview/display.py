@@ -6,6 +6,7 @@ each pixel. Here all that depends on the geometry alone is worked out beforehand
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import cv2
@@ -15,11 +16,14 @@ from pipeline.annotate.preview.sliders import Maps
 from pipeline.imaging.display import displayed
 from pipeline.physics.composition import NEAR_WHITE, burnt_out
 from pipeline.physics.enlarging import FARTHER, NEAREST, centres
+from pipeline.side_by_side import side_by_side
 
 #: Depths that differ by this share belong to different things.
 ALIKE = 0.05
 #: Steps of linear light from 0 to 1 by which it is encoded for the screen.
 CODES = 1 << 14
+#: Rows of the picture that are worked on at a time.
+ROWS = 64
 
 
 @dataclass(frozen=True)
@@ -102,30 +106,43 @@ class Display:
 
     def picture(self, maps: Maps, lamps: dict[int, np.ndarray] | None = None, exposure_ev: float = 0.0) -> np.ndarray:
         """(H, W, 3) uint8 sRGB. lamps: radiance (3,) that burnt-out lamps take, by the light's index."""
-        enlarged = [cv2.remap(np.ascontiguousarray(values), *self.at, cv2.INTER_LINEAR) for values in (maps.on_the_way, maps.filling)]
-        on_the_way, filling = enlarged
-        on_the_way[self.scenery.bare] = 1
-        density = maps.density
-        dense = np.float32(1) if (density == density.flat[0]).all() and density.flat[0] == 1 else cv2.remap(
-            density, *self.at, cv2.INTER_LINEAR).reshape(self.depth.shape)
-        foggy = _mixed(self.radiance, self.depth * dense, maps.extinction, on_the_way, filling)
+        even = (maps.density == 1).all()
+        on_the_way, filling, foggy = np.empty((3, *self.radiance.shape), np.float32)
+        dense = np.float32(1) if even else np.empty(self.depth.shape, np.float32)
+        codes, exposure = np.empty(self.radiance.shape, np.uint8), self.exposure * 2.0**exposure_ev
+
+        def work(rows: slice) -> None:
+            at = [one[rows] for one in self.at]
+            for values, part in ((maps.on_the_way, on_the_way[rows]), (maps.filling, filling[rows])):
+                cv2.remap(np.ascontiguousarray(values), *at, cv2.INTER_LINEAR, dst=part)
+            on_the_way[rows][self.scenery.bare[rows]] = 1
+            thick = self.depth[rows]
+            if not even:
+                cv2.remap(maps.density, *at, cv2.INTER_LINEAR, dst=dense[rows])
+                thick = thick * dense[rows]
+            foggy[rows] = _mixed(self.radiance[rows], thick, maps.extinction, on_the_way[rows], filling[rows])
+            codes[rows] = _encoded(foggy[rows], exposure)
+
+        # a few rows at a time stay in a processor's cache
+        deque(side_by_side(work, (slice(top, top + ROWS) for top in range(0, len(self.depth), ROWS))), 0)
         for index, at in self.lamps.items():
             if index in (lamps or {}):
                 bright = np.maximum(self.radiance[at], np.asarray(lamps[index], np.float32))
-                thick = dense if np.ndim(dense) == 0 else dense[at]
+                thick = dense if even else dense[at]
                 foggy[at] = _mixed(bright, self.depth[at] * thick, maps.extinction, on_the_way[at], filling[at])
+                codes[at] = _encoded(foggy[at], exposure)
         if self.layers is not None:
-            self._add_layers(foggy, maps, on_the_way, filling, dense)
-        return _encoded(foggy, self.exposure * 2.0**exposure_ev)
+            at = self.layers.rows, self.layers.columns
+            codes[at] = _encoded(self._layered(maps, on_the_way[at], filling[at], dense if even else dense[at]), exposure)
+        return codes
 
-    def _add_layers(self, foggy: np.ndarray, maps: Maps, on_the_way: np.ndarray, filling: np.ndarray, dense: np.ndarray) -> None:
+    def _layered(self, maps: Maps, on_the_way: np.ndarray, filling: np.ndarray, thick: np.ndarray) -> np.ndarray:
+        """Foggy radiance (n, 3) of the pixels that show two things."""
         layers = self.layers
-        at = layers.rows, layers.columns
-        share, thick = layers.alpha[:, None], dense if np.ndim(dense) == 0 else dense[at]
-        way = np.where(layers.open[:, None], np.float32(1), on_the_way[at])
-        front = _mixed(layers.front, layers.front_depth * thick, maps.extinction, on_the_way[at], filling[at])
-        behind = _mixed(layers.behind, layers.behind_depth * thick, maps.extinction, way, filling[at])
-        foggy[at] = share * front + (1 - share) * behind
+        share, way = layers.alpha[:, None], np.where(layers.open[:, None], np.float32(1), on_the_way)
+        front = _mixed(layers.front, layers.front_depth * thick, maps.extinction, on_the_way, filling)
+        behind = _mixed(layers.behind, layers.behind_depth * thick, maps.extinction, way, filling)
+        return share * front + (1 - share) * behind
 
 
 def _mixed(radiance: np.ndarray, path: np.ndarray, extinction: np.ndarray, on_the_way: np.ndarray, filling: np.ndarray

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -55,13 +57,23 @@ class Draft:
     """What the fog's maps are made from: build holds the files of the geometry, the light and the fog's renders.
 
     lights: that reach the fog. medium: the fog that was rendered. glows: V (h, w, 3) of lights at unit strength without
-    shadows, at the size at which glow is found.
+    shadows, at the size at which glow is found. is_rough: nothing was rendered, and the light is that of another geometry.
     """
 
     build: Build
     lights: list[str]
     medium: Medium
     glows: dict[str, np.ndarray] = field(default_factory=dict)
+    is_rough: bool = False
+
+
+@dataclass(frozen=True)
+class _Lit:
+    """What the last estimate of the light was made for."""
+
+    photograph: str
+    lights: list[str]
+    faces: list[str]
 
 
 class Drafting:
@@ -71,11 +83,13 @@ class Drafting:
         self.build = build
         self._done: dict[str, str] = {}
         self._begun: dict[str, list[float]] = {}
+        self._lit: _Lit | None = None
 
     def of(self, parts: Parts, picture: Picture, placed: Placed, told: Callable[[str], None],
-           meanwhile: Callable[[], None]) -> Draft:
+           meanwhile: Callable[[], None], roughly: Callable[[Draft], None]) -> Draft:
         """told(stage): called before each step; what it raises ends the work. meanwhile(): what needs the geometry alone,
-        while POV-Ray renders. Raises InputError as the stages do.
+        while POV-Ray renders. roughly(draft): called before that, where the light is to be estimated anew and the last one
+        says something of it. Raises InputError as the stages do.
         """
         build = self.build
         told("geometry")
@@ -91,24 +105,33 @@ class Drafting:
         # how many rounds it takes is no matter: later ones begin where the last one ended
         light = _digest([geometry, parts.illumination.model_dump_json(), *(path.read_text(encoding="utf-8") for path in (
             build.input("strengths"), build.input("exporter"), build.sun_direction))])
-        draft, fog_jobs = self._fog_jobs(scene, medium)
-        light_jobs = self._light_jobs(scene) if self._done.get("light") != light else []
+        draft, runs = self._fog_plan(scene, medium)
+        found: dict[str, np.ndarray | None] = {}
+        before = self._by_the_light_before(scene, draft) if self._done.get("light") != light else None
+        if before is not None:
+            # with nothing beside it, for this is waited for
+            found = {name: self._glow(scene, medium, name) for name in draft.lights}
+            roughly(replace(before, glows=_known(found)))
         told("renders")
+        fog_jobs = self._fog_jobs(scene, medium, runs)
+        light_jobs = self._light_jobs(scene) if self._done.get("light") != light else []
         timeout = read_json(build.input("render"))["timeout"]
         with ThreadPoolExecutor(1) as beside:
             rendering = beside.submit(povray.render_together, light_jobs + fog_jobs, threads=None, timeout=timeout,
                                       told=lambda index, seconds: told("renders"))
             meanwhile()
-            glows = {name: self._glow(scene, medium, name) for name in draft.lights}
+            found = found or {name: self._glow(scene, medium, name) for name in draft.lights}
             rendering.result()
         if self._done.get("light") != light:
             told("light")
             self._done.pop("light", None)
+            self._lit = None
             self._chain("illumination")
             self._done["light"] = light
+            self._lit = _Lit(self._done["photograph"], list(scene.lights), read_json(build.geometry)["faces"])
             self._keep_albedos()
         told("maps")
-        return replace(draft, glows={name: glow for name, glow in glows.items() if glow is not None})
+        return replace(draft, glows=_known(found))
 
     @property
     def geometry(self) -> str:
@@ -185,8 +208,8 @@ class Drafting:
         begun = read_json(build.albedos_begun) if build.albedos_begun.exists() else None
         return jobs + bounce_jobs(build, small, bounce_runs(small, settings, 0), first_albedos(scene, settings, begun), templates)
 
-    def _fog_jobs(self, scene: PlacedScene, medium: Medium) -> tuple[Draft, list[tuple]]:
-        """The fog's plan, written where the maps' maker reads it, and what to render for it."""
+    def _fog_plan(self, scene: PlacedScene, medium: Medium) -> tuple[Draft, list[Run]]:
+        """The fog's plan, written where the maps' maker reads it."""
         build = self.build
         lights = [] if medium.is_clear() else [name for name in scene.lights if not hidden(scene, medium, name)]
         shaded = shaded_lights(scene, dict.fromkeys(lights, 1.0))
@@ -195,10 +218,31 @@ class Drafting:
         runs = fog_runs(scene, medium, lights, FINENESS, shaded, by_template, surfaces_are_ours(templates, scene)) if lights else []
         write_json(build.plan, {"fineness": fineness_json(FINENESS), "lights": lights, "runs": [as_json(run) for run in runs],
                                 "check": None, "fog_is_clear": medium.is_clear()})
+        return Draft(build, lights, medium), runs
+
+    def _fog_jobs(self, scene: PlacedScene, medium: Medium, runs: list[Run]) -> list[tuple]:
+        """What to render for it."""
+        build, templates = self.build, Templates(self.build.source)
         build.pov.mkdir(parents=True, exist_ok=True)
         write_side_files(build.pov, medium)
         povray.version()  # asked for once, not by each of the renders
-        return Draft(build, lights, medium), [self._written(run, emit(run, scene, templates, medium=medium)) for run in runs]
+        return [self._written(run, emit(run, scene, templates, medium=medium)) for run in runs]
+
+    def _by_the_light_before(self, scene: PlacedScene, draft: Draft) -> Draft | None:
+        """A draft of this geometry without renders, in a folder of its own: what the light's estimate was made from stays there
+        while it is made anew. None where that was another photograph's, or of other lights."""
+        lit, build = self._lit, self.build
+        if lit is None or (lit.photograph, lit.lights) != (self._done["photograph"], list(scene.lights)):
+            return None
+        rough = replace(build, builds=build.builds.with_name("rough"))
+        shutil.rmtree(rough.shared, ignore_errors=True)
+        # files are replaced and never changed, so that a second name holds what they were
+        shutil.copytree(build.shared, rough.shared, copy_function=os.link, ignore=shutil.ignore_patterns("pov", "runs"))
+        write_json(rough.plan, {**read_json(build.plan), "runs": []})
+        if lit.faces != read_json(build.geometry)["faces"]:
+            # what stands round the fog is told by faces
+            write_json(rough.illumination, {**read_json(rough.illumination), "surroundings": None})
+        return Draft(rough, draft.lights, draft.medium, is_rough=True)
 
     def _glow(self, scene: PlacedScene, medium: Medium, name: str) -> np.ndarray | None:
         """As `Scattered` finds it; None where it finds none small."""
@@ -222,6 +266,10 @@ class Drafting:
         if any(name not in self._begun or np.abs(np.subtract(one, self._begun[name])).max() > ALIKE for name, one in found.items()):
             self._begun = {**self._begun, **found}
             write_json(self.build.albedos_begun, self._begun)
+
+
+def _known(found: dict[str, np.ndarray | None]) -> dict[str, np.ndarray]:
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _digest(contents: Iterable[bytes | str]) -> str:

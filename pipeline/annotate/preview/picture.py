@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,11 @@ class Picture:
         if size == self.size:
             return self.radiance, self.clipped
         return photographs.averaged(self.radiance, size), photographs.averaged(self.clipped, size) > 0
+
+    def smaller(self, share: float) -> Picture:
+        """The same, shown with this share of its pixels."""
+        radiance, clipped = self.reduced(max(1, round(max(self.size) * share**0.5)))
+        return replace(self, radiance=np.ascontiguousarray(radiance, np.float32), clipped=clipped)
 
 
 class Pictures:

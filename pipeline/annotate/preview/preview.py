@@ -9,6 +9,7 @@ import re
 import shutil
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.annotate.preview.display import Display
-from pipeline.annotate.preview.drafting import Cancelled, Drafting
+from pipeline.annotate.preview.drafting import Cancelled, Draft, Drafting
 from pipeline.annotate.preview.picture import Picture, Pictures
 from pipeline.annotate.preview.placing import Placed, Placing
 from pipeline.annotate.preview.problems import Parts, Place, Problem, checked
@@ -33,8 +34,14 @@ __all__ = ["Preview", "Problem", "Shown"]
 
 #: Parts of a scene that `foggy` takes as values of its own, and those that change no draft.
 APART = ("fog", "fogs", "render", "composite")
+#: Share of the pixels in which a rough picture is shown, and one that follows a slider.
+ROUGH, QUICK = 0.2, 0.4
 #: Seconds after an estimate before its sliders' maps are made.
 REST = 0.4
+#: Seconds in which a rough picture is made and sent, with nothing beside it.
+SHOWING = 0.15
+#: Seconds for which these wait for whoever moves a slider.
+PAUSE = 0.3
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,7 @@ class _Made:
     fog: str
     sliders: Sliders
     display: Display
+    quick: Display
     lamps: dict[int, str]
     gains: dict[str, float]
     exposure: float
@@ -71,6 +79,7 @@ class Preview:
         self._scenery: tuple[Any, Any] = (None, None)
         self._placed_last = Placed()
         self._data_last: Any = None
+        self._shown_last = 0.0
 
     def geometry(self, data: dict[str, Any]) -> tuple[Shown | None, list[Problem]]:
         """What is drawn over the photograph, and what is wrong or still to be drawn; None without a photograph.
@@ -112,16 +121,20 @@ class Preview:
             picture = self._picture(checked(data)[0])
         return displayed(picture.radiance, picture.exposure)
 
-    def estimate(self, data: dict[str, Any]) -> list[Problem]:
+    def estimate(self, data: dict[str, Any], rough: Callable[[], None] = lambda: None) -> list[Problem]:
         """Makes the maps of light and fog of this data, at draft quality; all problems there are, `geometry`'s among them.
 
         What is broken is left out where there is something without it. A call ends one that is under way; that one leaves
         the maps as they were, as does a scene that no fog can be made of: `is_current` says whether they are of this data.
+        rough(): called in between, where the geometry is another: until the light is known anew `foggy` shows that in the light
+        that was there before, without shadows in the fog and with fewer pixels.
         """
         with self._lock:
             self._wanted += 1
             mine = self._wanted
         with self._estimating:
+            before = self._made
+
             def told(step: str) -> None:
                 if mine != self._wanted:
                     raise Cancelled(step)
@@ -132,11 +145,23 @@ class Preview:
                     parts, picture, placed, problems = self._place(data)
                 if picture is None or not _is_enough(parts, placed):
                     return problems
+
+                def show(made: _Made) -> None:
+                    with self._lock:
+                        told("")
+                        self._made = made
+
+                def roughly(draft: Draft) -> None:
+                    display = self._drawn(parts, picture.smaller(ROUGH), placed)
+                    show(self._of(draft, (display, display), data, parts, placed, ""))
+                    rough()
+                    time.sleep(SHOWING)
+
                 try:
-                    draft = self._drafting.of(parts, picture, placed, told, lambda: self._display(parts, picture, placed))
-                    display = self._display(parts, picture, placed)
-                    sliders = Sliders(draft)
+                    draft = self._drafting.of(parts, picture, placed, told, lambda: self._displays(parts, picture, placed), roughly)
+                    made = self._of(draft, self._displays(parts, picture, placed), data, parts, placed, _key(data))
                 except InputError as error:
+                    self._made = before
                     place = _place_of(error, self.build)
                     if any(one.message == error.problem for one in problems):
                         return problems
@@ -145,26 +170,32 @@ class Preview:
                 lights = read_json(self.build.illumination)
                 problems += [Problem(("illumination",), message, "see what is marked for the light", "warning")
                              for message in lights["messages"]]
-                settings = data.get("composite") if isinstance(data.get("composite"), dict) else {}
-                restores = settings.get("restore_clipped_lamps", True)
-                lamps = {index: name for index, (name, one) in enumerate(lights["lights"].items())
-                         if restores and one["quantity"] == "radiance"}
-                gains = {name: float(light.gain) for name, light in placed.lights.items()}
-                exposure = settings.get("exposure", 0.0)
-                made = _Made(_key(data), parts.fog.model_dump_json(), sliders, display, lamps, gains,
-                             float(exposure) if isinstance(exposure, (int, float)) else 0.0)
-                with self._lock:
-                    told("")
-                    self._made = made
+                show(made)
             except Cancelled:
+                self._made = before
                 return []
-        def prepare() -> None:
-            # whoever draws on wants the next estimate first
-            time.sleep(REST)
-            sliders.prepare(lambda: self._made is made and self._wanted == mine)
-
-        threading.Thread(target=prepare, daemon=True).start()
+        threading.Thread(target=self._prepare, args=(made, mine), daemon=True).start()
         return problems
+
+    def _prepare(self, made: _Made, mine: int) -> None:
+        """The sliders' maps, while nobody waits for anything else."""
+        def wanted() -> bool:
+            while time.monotonic() < self._shown_last + PAUSE:
+                time.sleep(PAUSE / 4)
+            return self._made is made and self._wanted == mine
+
+        # whoever draws on wants the next estimate first
+        time.sleep(REST)
+        made.sliders.prepare(wanted)
+
+    def _of(self, draft: Draft, displays: tuple[Display, Display], data: dict[str, Any], parts: Parts, placed: Placed, key: str) -> _Made:
+        settings = data.get("composite") if isinstance(data.get("composite"), dict) else {}
+        restores, exposure = settings.get("restore_clipped_lamps", True), settings.get("exposure", 0.0)
+        lights = read_json(draft.build.illumination)["lights"]
+        lamps = {index: name for index, (name, one) in enumerate(lights.items()) if restores and one["quantity"] == "radiance"}
+        gains = {name: float(light.gain) for name, light in placed.lights.items()}
+        return _Made(key, "" if draft.is_rough else parts.fog.model_dump_json(), Sliders(draft), *displays, lamps, gains,
+                     float(exposure) if isinstance(exposure, (int, float)) else 0.0)
 
     def cancel(self) -> None:
         """Ends an estimate that is under way; the last complete one's maps stay."""
@@ -182,21 +213,23 @@ class Preview:
         parts = checked({"fog": fog})[0] if fog else None
         return made is not None and parts is not None and parts.fog is not None and parts.fog.model_dump_json() == made.fog
 
-    def foggy(self, fog: dict[str, Any] | None = None, gains: dict[str, float] | None = None) -> np.ndarray:
+    def foggy(self, fog: dict[str, Any] | None = None, gains: dict[str, float] | None = None, quickly: bool = False) -> np.ndarray:
         """The photograph (h, w, 3) uint8 sRGB in fog, from the last complete estimate; without fog before there is one.
 
+        quickly: with fewer pixels, for somebody who moves a slider.
         fog: values in place of the estimate's: visibility [m], albedo (one, or one a channel), g, height [m] over which it
         falls to 1/e (None for even fog), or any parameter of its type; see `sliders.altered`. gains: by light, in place of
         the scene's. Raises InputError for values that no fog can have.
         """
-        made = self._made
+        made, self._shown_last = self._made, time.monotonic()
         if made is None:
             return self._without_fog()
         given = {**made.gains, **{name: gain for name, gain in (gains or {}).items() if name in made.gains}}
         maps = made.sliders.maps(fog, given)
         if not maps.extinction.any():
             return displayed(made.display.radiance, made.display.exposure * 2.0**made.exposure)
-        return made.display.picture(maps, {index: maps.strengths[name] for index, name in made.lamps.items()}, made.exposure)
+        display = made.quick if quickly else made.display
+        return display.picture(maps, {index: maps.strengths[name] for index, name in made.lamps.items()}, made.exposure)
 
     def close(self) -> None:
         """Ends what is under way, and removes the preview's folder."""
@@ -228,13 +261,16 @@ class Preview:
         placed, found = self._placing.of(parts, (picture.width, picture.height), picture.focal_length_35mm)
         return parts, picture, placed, problems + found
 
-    def _display(self, parts: Parts, picture: Picture, placed: Placed) -> Display:
-        """What the picture shows, once as long as the geometry is the same."""
+    def _displays(self, parts: Parts, picture: Picture, placed: Placed) -> tuple[Display, Display]:
+        """What the picture shows, whole and with fewer pixels, once as long as the geometry is the same."""
         key = self._drafting.geometry, picture
         if self._scenery[0] != key:
-            small, large, layers = sceneries(self.build, parts, picture, self._placing, placed.camera)
-            self._scenery = key, Display(picture.radiance, picture.clipped, picture.exposure, large, small, layers)
+            self._scenery = key, (self._drawn(parts, picture, placed), self._drawn(parts, picture.smaller(QUICK), placed))
         return self._scenery[1]
+
+    def _drawn(self, parts: Parts, picture: Picture, placed: Placed) -> Display:
+        small, large, layers = sceneries(self.build, parts, picture, self._placing, placed.camera)
+        return Display(picture.radiance, picture.clipped, picture.exposure, large, small, layers)
 
 
 def _key(data: dict[str, Any]) -> str:

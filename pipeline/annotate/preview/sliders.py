@@ -124,7 +124,8 @@ class Sliders:
         for name in self.lights:
             _, clear, reduced, indirect, reduced_indirect = self.kept._arriving(name, np.exp(-view.optical_depth), view)
             self.weights[name] = np.asarray(clear + INDIRECT_SHARE * indirect, np.float32)
-            found.append(_Node.of(self.kept, name, self.kept._by(name, view), (clear, reduced, indirect, reduced_indirect)))
+            glow = _unshadowed(self.kept, name) if draft.is_rough else self.kept._by(name, view)
+            found.append(_Node.of(self.kept, name, glow, (clear, reduced, indirect, reduced_indirect)))
         self.base = found
         self.nodes[DENSITY, 0.0] = found
 
