@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from pipeline.geometry.regions import polygon_mask
 from pipeline.imaging.maps import read_map
 from pipeline.paths import Build
 from tests.annotate_by_hand import draw_open_air, draw_room
@@ -151,6 +152,37 @@ def test_drawn_by_keys_alone(serve, visit, tmp_path):
     person.keys("]", "Shift+ArrowUp", "Shift+ArrowUp", "Enter")
     drawn = person.saved(lambda data: len(data["illumination"]["albedos"]) == 3)["illumination"]["albedos"][2]["pixels"]
     assert len(drawn) == 3 and drawn[0][1] == pytest.approx(drawn[1][1] - 20, abs=0.2)
+
+
+def test_a_region_is_painted(serve, visit, tmp_path):
+    served = serve(scenes_with(tmp_path, "building"), "building")
+    person = visit(served)
+    person.add("ground", by="g")
+    person.keys("q")
+    person.until("() => document.querySelector('#stage').classList.contains('brushing')")
+    view = person.where(0, 0)
+    person.drag((100, 600), (400, 600))
+    first = person.saved(lambda data: data["depth"]["regions"]["ground"]["pixels"])["depth"]["regions"]["ground"]
+    covered = polygon_mask((700, 560), np.asarray(first["pixels"]))
+    assert first["class"] == "support" and covered[600, 105:395].all() and not covered[560].any()
+    assert person.where(0, 0) == view, "the view stays where it is"
+    # with a wider brush; Bokeh saw none of it as clicks or drags of its own
+    person.keys("]", "]", "]", "]")
+    person.drag((250, 590), (250, 500))
+    wider = person.saved(lambda data: data["depth"]["regions"]["ground"]["pixels"] != first["pixels"])["depth"]["regions"]["ground"]
+    thick, thin = (polygon_mask((700, 560), np.asarray(one["pixels"])) for one in (wider, first))
+    assert thick[530].sum() > 1.5 * thin[:, 250].sum() and (thick & thin).sum() >= 0.98 * thin.sum()
+    person.page.click('[data-do="brush"][data-value="erase"]')
+    person.until("() => Bokeh.documents[0].get_model_by_name('wire').brush === 'erase'")
+    person.keys("[", "[", "[", "[", "[")
+    person.drag((200, 600), (202, 600))
+    person.saved(lambda data: data["depth"]["regions"]["ground"].get("holes") or
+                 data["depth"]["regions"]["ground"]["pixels"] != wider["pixels"])
+    person.keys("Control+z", "Control+z")
+    person.saved(lambda data: data["depth"]["regions"]["ground"] == first)
+    person.keys("Escape")
+    person.until("() => Bokeh.documents[0].get_model_by_name('handles').data.x.length > 3")
+    person.until("() => !document.querySelector('.busy')")
 
 
 def test_the_wheel_zooms_and_a_drag_beside_points_moves_the_view(serve, visit, tmp_path):

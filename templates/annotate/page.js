@@ -121,11 +121,13 @@ function pointAt(event) {
 }
 let grasped = -1;
 function grasp(event) {
-  if (event.target.closest && event.target.closest("#zoom")) return;
+  if (event.target.closest && event.target.closest("#zoom, #brush-size")) return;
+  if (brushing()) { beginStroke(event); return; }
   grasped = pointAt(event);
   if (grasped >= 0) { model.handles.selected.indices = [grasped]; model.move.active = true; } else model.pan.active = true;
 }
 function release() {
+  if (stroke) { endStroke(); return; }
   annotate.acted = performance.now();
   if (grasped >= 0) { const index = grasped; setTimeout(() => { if (index < model.handles.data.x.length) model.handles.selected.indices = [index]; }); }
   grasped = -1;
@@ -138,6 +140,75 @@ function follow() {  // the line through the points, while they are dragged
   }
   if (model.names.data.x.length === x.length) model.names.data = { ...model.names.data, x, y };
 }
+
+// ---- brush: what a stroke covers becomes part of a region's outline, in the server ----------------
+const strokes = $("strokes"), brush = $("brush"), MOST_STROKE = 1000;
+let stroke = null, pointer = null;
+const brushing = () => model && model.wire.brush !== "off";
+const radius = () => brush.value * now()[2] / 2;  // the photograph's pixels
+function inPhotograph(event) {
+  const box = view.el.getBoundingClientRect();
+  return [view.frame.x_scale.invert(event.clientX - box.left), view.frame.y_scale.invert(event.clientY - box.top)];
+}
+function beginStroke(event) {
+  // neither Bokeh's pan nor its taps
+  event.stopPropagation();
+  event.preventDefault();
+  if (event.button !== 0 || !event.isPrimary) return;
+  stage.focus({ preventScroll: true });
+  stroke = [inPhotograph(event)];
+  drawStroke();
+}
+function moveStroke(event) {
+  pointer = brushing() && stage.contains(event.target) ? event : null;
+  if (stroke) {
+    for (const one of event.getCoalescedEvents?.() ?? [event]) {
+      const [x, y] = inPhotograph(one), [u, v] = stroke[stroke.length - 1];
+      if (Math.hypot(x - u, y - v) >= radius() / 4 && stroke.length < MOST_STROKE) stroke.push([x, y]);
+    }
+    event.stopPropagation();
+  }
+  if (brushing() || strokes.drawn) requestAnimationFrame(drawStroke);
+}
+function endStroke() {
+  const points = stroke.map(([x, y]) => [+x.toFixed(1), +y.toFixed(1)]);
+  stroke = null;
+  send({ do: "stroke", points, radius: +radius().toFixed(2) });
+  setTimeout(drawStroke, 150);  // until the outline follows
+}
+function drawStroke() {
+  const box = stage.getBoundingClientRect(), pen = strokes.getContext("2d"), ratio = window.devicePixelRatio || 1;
+  strokes.width = box.width * ratio; strokes.height = box.height * ratio;
+  strokes.drawn = false;
+  pen.scale(ratio, ratio);
+  if (stroke) {
+    const off = view.el.getBoundingClientRect();
+    pen.strokeStyle = model.wire.brush === "erase" ? "#101010" : "#ffcf33";
+    pen.globalAlpha = 0.45; pen.lineWidth = +brush.value; pen.lineCap = pen.lineJoin = "round";
+    pen.beginPath();
+    stroke.forEach(([x, y], i) => { const at = [view.frame.x_scale.compute(x) + off.left - box.left, view.frame.y_scale.compute(y) + off.top - box.top];
+      if (i) pen.lineTo(...at); else { pen.moveTo(...at); pen.lineTo(at[0] + 0.01, at[1]); } });
+    pen.stroke();
+    pen.globalAlpha = 1;
+    strokes.drawn = true;
+  }
+  if (pointer && brushing()) {
+    for (const [colour, wide] of [["#101010", 3], ["#ffffff", 1.2]]) {
+      pen.strokeStyle = colour; pen.lineWidth = wide;
+      pen.beginPath();
+      pen.arc(pointer.clientX - box.left, pointer.clientY - box.top, brush.value / 2, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+    strokes.drawn = true;
+  }
+}
+function showBrush() {
+  stage.classList.toggle("brushing", brushing());
+  $("brush-size").hidden = !brushing();
+  if (!brushing()) stroke = null;
+  drawStroke();
+}
+function resizeBrush(by) { brush.value = Math.round(brush.value * (by > 0 ? 1.25 : 0.8) + by); drawStroke(); }
 
 // ---- keys ---------------------------------------------------------------------------------------
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -194,7 +265,9 @@ document.addEventListener("keydown", (event) => {
   else if (key === "-" || key === "−") zoomBy("out");
   else if (key === "0") fit();
   else if (key === "?") $("help").showModal();
+  else if ((key === "[" || key === "]") && brushing()) resizeBrush(key === "]" ? 1 : -1);
   else if (key === "[" || key === "]") nextPoint(key === "]" ? 1 : -1);
+  else if (low === "q") send({ do: "brush", value: "add" });
   else if (low === "v") send({ do: "view", value: model.wire.view === "clear" ? "fog" : "clear" });
   else if (key === " ") { held = true; showPicture(); event.preventDefault(); }
   else if (KEYS[low]) { settle(); send(KEYS[low]); event.preventDefault(); }
@@ -243,11 +316,14 @@ function begin() {
   model = { plot };
   for (const name of ["wire", "picture", "handles", "active", "names", "move", "pan"]) model[name] = doc.get_model_by_name(name);
   model.wire.properties.panels.change.connect(showPanels);
+  model.wire.properties.brush.change.connect(showBrush);
   for (const name of ["picture", "view"]) model.wire.properties[name].change.connect(showPicture);
   model.handles.change.connect(follow);
   model.handles.properties.data.change.connect(() => { clearTimeout(moved); moved = null; });
   stage.addEventListener("pointerdown", grasp, true);
   window.addEventListener("pointerup", release, true);
+  window.addEventListener("pointercancel", release, true);
+  window.addEventListener("pointermove", moveStroke, true);
   stage.addEventListener("wheel", () => { fitted = false; }, { passive: true });
   stage.addEventListener("pointerdown", () => { fitted = false; });
   for (const range of [plot.x_range, plot.y_range]) range.change.connect(() => { model.kept = now(); });
@@ -256,6 +332,7 @@ function begin() {
   model.kept = now();
   showPanels();
   showPicture();
+  showBrush();
   doc.on_event("connection_lost", () => { $("gone").hidden = false; });
   annotate.ready = true;
 }

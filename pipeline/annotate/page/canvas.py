@@ -20,6 +20,8 @@ from pipeline.annotate.page.things import COLOURS, Thing
 REACH = 12
 #: Width of the picture on a screen, until the browser tells it [CSS pixel].
 USUAL = 900
+#: Names to the right of this share of the picture's width stand on the left of what they name.
+NEAR_BORDER = 0.85
 CHOSEN, TROUBLE = "#ffffff", "#ff5c5c"
 
 
@@ -32,10 +34,10 @@ class Picture:
         self.outlines = ColumnDataSource({"xs": [], "ys": [], "colour": [], "wide": [], "fill": []}, name="outlines")
         self.seen = ColumnDataSource({"xs": [], "ys": [], "colour": [], "wide": [], "dark": [], "strong": []}, name="seen")
         self.spots = ColumnDataSource({"x": [], "y": [], "colour": []}, name="spots")
-        self.labels = ColumnDataSource({"x": [], "y": [], "text": [], "colour": []}, name="labels")
+        self.labels = ColumnDataSource({"x": [], "y": [], "text": [], "colour": [], "align": [], "off": []}, name="labels")
         self.active = ColumnDataSource({"xs": [], "ys": []}, name="active")
         self.handles = ColumnDataSource({"x": [], "y": []}, name="handles")
-        self.names = ColumnDataSource({"x": [], "y": [], "text": []}, name="names")
+        self.names = ColumnDataSource({"x": [], "y": [], "text": [], "align": [], "off": []}, name="names")
         margin = 0.02 * max(width, height)
         self.plot = Plot(name="plot", x_range=Range1d(-margin, width + margin), y_range=Range1d(height + margin, -margin),
                          sizing_mode="stretch_both", toolbar_location=None, min_border=0, outline_line_color=None,
@@ -52,15 +54,16 @@ class Picture:
         add(self.active, MultiLine(xs="xs", ys="ys", line_color=CHOSEN, line_width=2, line_join="round"))
         plate = {"text_font": value("system-ui, 'DejaVu Sans', sans-serif"), "background_fill_color": "#1b1c1e", "background_fill_alpha": 0.7,
                  "padding": 3, "border_radius": 3}
-        add(self.labels, Text(x="x", y="y", text="text", text_color="colour", text_font_size="12px", x_offset=8, y_offset=-6,
-                              text_align="left", **plate))
+        add(self.labels, Text(x="x", y="y", text="text", text_color="colour", text_font_size="12px", x_offset="off", y_offset=-6,
+                              text_align="align", **plate))
         drawn = add(self.handles, Scatter(x="x", y="y", marker="circle", size=11, fill_color="#ffffff", fill_alpha=0.25,
                                           line_color=CHOSEN, line_width=2),
                     selection_glyph=Scatter(x="x", y="y", marker="circle", size=13, fill_color="#ffcf33", fill_alpha=0.9,
                                             line_color="#101010", line_width=1.5),
                     nonselection_glyph=Scatter(x="x", y="y", marker="circle", size=11, fill_color="#ffffff", fill_alpha=0.25,
                                                line_color=CHOSEN, line_width=2))
-        add(self.names, Text(x="x", y="y", text="text", text_color="#ffffff", text_font_size="12px", x_offset=11, y_offset=-8, **plate))
+        add(self.names, Text(x="x", y="y", text="text", text_color="#ffffff", text_font_size="12px", x_offset="off", y_offset=-8,
+                             text_align="align", **plate))
         self.move = PointDrawTool(renderers=[drawn], add=False, name="move")
         self.pan, self.zoom = PanTool(name="pan"), WheelZoomTool(name="zoom", zoom_on_axis=False, speed=1 / 800)
         self.plot.add_tools(self.move, self.pan, self.zoom)
@@ -91,7 +94,8 @@ class Picture:
                 # of names that would lie upon one another the first is shown
                 if bad or not any(abs(x - u) < 8 * len(one.label) * across and abs(y - v) < 18 * across
                                   for u, v in zip(labels["x"], labels["y"])):
-                    _append(labels, x=x, y=y, text=one.label, colour=colour)
+                    align, off = self._beside(x, 8)
+                    _append(labels, x=x, y=y, text=one.label, colour=colour, align=align, off=off)
         self._set(self.outlines, data)
         self._set(self.labels, labels)
         self._spots = spots
@@ -146,13 +150,19 @@ class Picture:
         """Shows these points as what can be moved, the line through them, and their names."""
         xs, ys = [float(p[0]) for p in points], [float(p[1]) for p in points]
         self._set(self.handles, {"x": xs, "y": ys})
-        self._set(self.names, {"x": xs, "y": ys, "text": list(names)} if names else {"x": [], "y": [], "text": []})
+        sides = [self._beside(x, 11) for x in xs] if names else []
+        self._set(self.names, {"x": xs if names else [], "y": ys if names else [], "text": list(names),
+                               "align": [align for align, _ in sides], "off": [off for _, off in sides]})
         joined = len(points) > 1 and not names
         end = 1 if closed and len(points) > 2 else 0
         self._set(self.active, {"xs": [xs + xs[:end]], "ys": [ys + ys[:end]]} if joined else {"xs": [], "ys": []})
         wanted = [] if chosen is None or chosen >= len(points) else [chosen]
         if self.handles.selected.indices != wanted:
             self.handles.selected.indices = wanted
+
+    def _beside(self, x: float, far: float) -> tuple[str, float]:
+        """On which side of a point its name ends or begins, and how far off [CSS pixel]: to the left near the right border."""
+        return ("right", -far) if x > NEAR_BORDER * self.width else ("left", far)
 
     @staticmethod
     def _set(source: ColumnDataSource, data: dict) -> None:

@@ -16,9 +16,9 @@ from bokeh.model import DataModel
 from pipeline.annotate.page import kinds, panels
 from pipeline.annotate.page.canvas import Picture
 from pipeline.annotate.page.desk import Desk
-from pipeline.annotate.page.drawing import Drawing
 from pipeline.annotate.page.fields import fields, fog_of_kind, typed
 from pipeline.annotate.page.fog_sliders import sliders
+from pipeline.annotate.page.painting import Painting
 from pipeline.annotate.page.things import Place, at
 from pipeline.errors import InputError
 
@@ -34,9 +34,10 @@ class Wire(DataModel):
     panels = Dict(String, String, default={})
     picture = Int(default=0)
     view = String(default="clear")
+    brush = String(default="off")
 
 
-class Page(Drawing):
+class Page(Painting):
     """A tab's state. present() says whether its browser is still there."""
 
     def __init__(self, desk: Desk, doc, present):
@@ -249,6 +250,9 @@ class Page(Drawing):
         every, chosen = self.things(), self.thing()
         if self.chosen is not None and at(self.data, self.chosen) is None:
             self.chosen = self.point = None
+        self.wire.brush = self.painting
+        if self.painting != "off":
+            chosen = None  # nobody moves points under a brush
         self.picture.draw_things(every, chosen, panels.troubled(every, self.desk.problems))
         if "shown" in what:
             self.picture.draw_seen(self.desk.shown)
@@ -256,7 +260,7 @@ class Page(Drawing):
             self.picture.hold(self.draft, closed=False, chosen=self.point)
         else:
             self.picture.hold(chosen.points if chosen else [], chosen.names if chosen else (), bool(chosen and chosen.closed), self.point)
-        rendered = panels.render(self, every, chosen)
+        rendered = panels.render(self, every, self.thing())
         if rendered != self.wire.panels:
             self.wire.panels = rendered
 

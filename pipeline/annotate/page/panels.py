@@ -41,7 +41,7 @@ def render(page, every: list[Thing], chosen: Thing | None) -> dict[str, str]:
         "settled": kinds.settled(data), "setting": page.setting, "groups": grouped(every, data), "troubled": troubled(every, desk.problems), "problems": desk.problems,
         "fields": page.fields() if page.may_write else [], "sliders": sliders(data), "steps": STEPS, "hint": hint(page, chosen),
         "planes": planes_of(page), "edges": kinds.ROOM_EDGES, "free_edge": kinds.free_edge(data), "job": desk.render,
-        "facts": facts(desk.shown), "scene": desk.document.path.parent.name,
+        "paintable": page.paintable and page.may_write, "brush": page.painting, "facts": facts(desk.shown), "scene": desk.document.path.parent.name,
     }
     return {name: str(getattr(_macros(), name)(shown)) for name in PANELS}
 
@@ -113,6 +113,9 @@ def hint(page, chosen: Thing | None) -> str:
     """What a click or key does now."""
     if not page.may_write:
         return "Only looking: another tab edits this scene."
+    if page.painting != "off":
+        return (f"{'Erase' if page.painting == 'erase' else 'Paint'} over it with the button held; [ and ] change the brush, Q leaves"
+                " it. The wheel zooms, arrow keys move the view.")
     kind = page.adding
     if kind is not None:
         ends = {"outline": " Enter, double click or the first point again ends it.", "path": " Enter or double click ends it."}
