@@ -75,7 +75,7 @@ def ask(server, path, method="GET", body=None, drop=(), **headers):
 
 def test_the_page_and_its_pictures_come_with_the_token(server):
     status, body = ask(server, f"/{TOKEN}/", drop=["Origin"])
-    assert status == 200 and b'data-scene="bathroom"' in body
+    assert status == 200 and b'data-scene="bathroom"' in body and b"Content-Security-Policy" in body
     status, body = ask(server, f"/{TOKEN}/picture/bathroom/clear", drop=["Origin"])
     assert status == 200 and body[:3] == b"\xff\xd8\xff"
 

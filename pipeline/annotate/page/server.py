@@ -13,6 +13,7 @@ of the web reaches it by a name that points here (DNS rebinding) or from the sam
 
 from __future__ import annotations
 
+import gc
 import hmac
 import logging
 import secrets
@@ -158,6 +159,9 @@ def serve(scenes: Path, builds: Path, scene: str, port: int = 0, browse: bool = 
     logging.getLogger("bokeh").setLevel(logging.ERROR)
     server = Server(scenes, builds, scene, port)
     server.start()
+    # what was imported stays: looked through for garbage it would hold up a slider for 0.15 s now and then
+    gc.collect()
+    gc.freeze()
     print(f"open {server.address}\nCtrl-C ends it; what the page changes is saved as you go", flush=True)
     for one in (signal.SIGTERM, signal.SIGINT):
         signal.signal(one, lambda *_: server.loop.add_callback_from_signal(server.loop.stop))
@@ -167,4 +171,5 @@ def serve(scenes: Path, builds: Path, scene: str, port: int = 0, browse: bool = 
     try:
         server.loop.start()
     finally:
+        gc.unfreeze()
         server.stop()

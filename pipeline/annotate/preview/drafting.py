@@ -40,6 +40,8 @@ OUTDOORS, INDOORS = 256, 160
 #: What is rendered of the fog, at these settings. All of it together takes POV-Ray less than it takes to start and end.
 FINENESS = Fineness(in_scattering_size=36, glow_tolerance=0.1, shadow_size=32, samples=6, shadow_lights=3, shaft_samples=12,
                     optical_step=2 / 3, density_steps=32, transmittance=INTEGRATED)
+#: What finds the glow of lamps where it need not be right but at once.
+COARSE_GLOW = {"in_scattering_size": 24, "glow_tolerance": 0.1}
 #: Of the estimate of light strengths: longer side [pixel], rays, bounces at most, and side of the square of small lights.
 ESTIMATE_SIZE, RAYS, BOUNCES, SUB_LIGHTS = 40, 12, 2, 3
 #: Share of rays and points along them at which what stands round the fog is looked up.
@@ -106,12 +108,9 @@ class Drafting:
         light = _digest([geometry, parts.illumination.model_dump_json(), *(path.read_text(encoding="utf-8") for path in (
             build.input("strengths"), build.input("exporter"), build.sun_direction))])
         draft, runs = self._fog_plan(scene, medium)
-        found: dict[str, np.ndarray | None] = {}
         before = self._by_the_light_before(scene, draft) if self._done.get("light") != light else None
         if before is not None:
-            # with nothing beside it, for this is waited for
-            found = {name: self._glow(scene, medium, name) for name in draft.lights}
-            roughly(replace(before, glows=_known(found)))
+            roughly(before)
         told("renders")
         fog_jobs = self._fog_jobs(scene, medium, runs)
         light_jobs = self._light_jobs(scene) if self._done.get("light") != light else []
@@ -120,7 +119,7 @@ class Drafting:
             rendering = beside.submit(povray.render_together, light_jobs + fog_jobs, threads=None, timeout=timeout,
                                       told=lambda index, seconds: told("renders"))
             meanwhile()
-            found = found or {name: self._glow(scene, medium, name) for name in draft.lights}
+            glows = {name: self._glow(scene, medium, name) for name in draft.lights}
             rendering.result()
         if self._done.get("light") != light:
             told("light")
@@ -131,7 +130,7 @@ class Drafting:
             self._lit = _Lit(self._done["photograph"], list(scene.lights), read_json(build.geometry)["faces"])
             self._keep_albedos()
         told("maps")
-        return replace(draft, glows=_known(found))
+        return replace(draft, glows={name: glow for name, glow in glows.items() if glow is not None})
 
     @property
     def geometry(self) -> str:
@@ -236,9 +235,8 @@ class Drafting:
             return None
         rough = replace(build, builds=build.builds.with_name("rough"))
         shutil.rmtree(rough.shared, ignore_errors=True)
-        # files are replaced and never changed, so that a second name holds what they were
-        shutil.copytree(build.shared, rough.shared, copy_function=os.link, ignore=shutil.ignore_patterns("pov", "runs"))
-        write_json(rough.plan, {**read_json(build.plan), "runs": []})
+        shutil.copytree(build.shared, rough.shared, copy_function=_linked, ignore=shutil.ignore_patterns("pov", "runs"))
+        write_json(rough.plan, {**read_json(build.plan), "runs": [], "fineness": fineness_json(replace(FINENESS, **COARSE_GLOW))})
         if lit.faces != read_json(build.geometry)["faces"]:
             # what stands round the fog is told by faces
             write_json(rough.illumination, {**read_json(rough.illumination), "surroundings": None})
@@ -268,8 +266,12 @@ class Drafting:
             write_json(self.build.albedos_begun, self._begun)
 
 
-def _known(found: dict[str, np.ndarray | None]) -> dict[str, np.ndarray]:
-    return {name: one for name, one in found.items() if one is not None}
+def _linked(source: str, target: str) -> None:
+    """A second name of a file: what replaces the first leaves what was there under the second."""
+    try:
+        os.link(source, target)
+    except OSError:  # not every file system has that
+        shutil.copyfile(source, target)
 
 
 def _digest(contents: Iterable[bytes | str]) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.annotate.preview.drafting import Draft
+from pipeline.annotate.preview.drafting import COARSE_GLOW, Draft
 from pipeline.errors import InputError
 from pipeline.imaging.maps import read_map
 from pipeline.physics.composition import INDIRECT_SHARE
@@ -39,8 +39,6 @@ STEPS = tuple(float(k * np.log(3)) for k in range(-3, 4))
 ASYMMETRIES = (-0.5, -0.2, 0.1, 0.35, 0.6, 0.8, 0.9)
 #: Fogs of another kind that are kept.
 MOST_OTHERS = 12
-#: Longer side [pixel] and relative change at which nodes find the glow of lamps.
-COARSE_GLOW = {"in_scattering_size": 24, "glow_tolerance": 0.1}
 
 
 @dataclass(frozen=True)
