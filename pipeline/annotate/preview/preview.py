@@ -152,8 +152,12 @@ class Preview:
                         self._made = made
 
                 def roughly(draft: Draft) -> None:
-                    display = self._drawn(parts, picture.smaller(ROUGH), placed)
-                    show(self._of(draft, (display, display), data, parts, placed, ""))
+                    try:
+                        display = self._drawn(parts, picture.smaller(ROUGH), placed)
+                        found = self._of(draft, (display, display), data, parts, placed, "")
+                    except InputError:  # the estimate says what is wrong
+                        return
+                    show(found)
                     rough()
                     time.sleep(SHOWING)
 
