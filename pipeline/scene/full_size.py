@@ -6,14 +6,17 @@ float32, for its borders are refined against it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from pipeline.geometry.enlarged_view import EnlargedView
+from pipeline.geometry.regions import RegionDepth
 from pipeline.imaging.edges import EdgeLayers, refined
 from pipeline.imaging.enlarged_edges import EnlargedEdges
 from pipeline.imaging.glare import Glare, glare
 from pipeline.imaging.map_strips import fits_half, strips, writing
-from pipeline.imaging.maps import read_map
 from pipeline.side_by_side import side_by_side
 from pipeline.paths import Build
 from pipeline.scene.artefacts import EDGE_COLOURS, EDGES, SURFACES, THIN
@@ -25,8 +28,10 @@ MOST_IN_HALF = 2048
 FEWEST = 18
 
 
-def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None, farthest: float) -> None:
-    """Writes depth.exr, surfaces.exr and, in the open air, edges*.exr. farthest [m]: depth past everything."""
+def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None, farthest: float,
+                    read: Callable[[], np.ndarray]) -> None:
+    """Writes depth.exr, surfaces.exr and, in the open air, edges*.exr. farthest [m]: depth past everything; read(): the
+    photograph (H, W, 3), linear, which the open air asks for."""
     camera = view.camera
     size = camera.width, camera.height
     if open_air is None:
@@ -37,12 +42,21 @@ def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None,
         return _write(build, size, side_by_side(seen, strips(*size)), sum(len(shape.faces()) for shape in view.shapes.values()))
     full, open_air.full = open_air.full, None
     depth, face, emitter, region = _joined(view, open_air, full)
-    photograph = read_map(build.photograph, depth.shape)
+    photograph = read()
     lamps = glare(camera, view.lights, depth, photograph)
     lit = lamps.light >= 0
     emitter[lit] = lamps.light[lit]
     faces = len(open_air.face_of) + sum(len(shape.faces()) for shape in view.shapes.values())
-    _write(build, size, ((depth[a:b], face[a:b], emitter[a:b], region[a:b]) for a, b in strips(*size)), faces)
+    with ThreadPoolExecutor(1) as beside:
+        written = beside.submit(_write, build, size, (
+            (depth[a:b], face[a:b], emitter[a:b], region[a:b]) for a, b in strips(*size)), faces)
+        _write_edges(build, view, open_air, full, depth, photograph, lamps)
+        written.result()
+
+
+def _write_edges(build: Build, view: EnlargedView, open_air: Outdoors, full: RegionDepth, depth: np.ndarray,
+                 photograph: np.ndarray, lamps: Glare) -> None:
+    size, lit = (view.camera.width, view.camera.height), lamps.light >= 0
     own = depth < full.depth.astype(np.float32)
     radius = open_air.section.refine.radius
     if radius > FEWEST:

@@ -8,6 +8,9 @@ Of a photograph larger than its working size all three are written at both sizes
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from pipeline.errors import InputError
@@ -15,17 +18,25 @@ from pipeline.geometry.enlarged_view import EnlargedView
 from pipeline.geometry.planes import Plane
 from pipeline.geometry.visibility import visible
 from pipeline.imaging.glare import glare
-from pipeline.imaging.maps import write_map
+from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
 from pipeline.plugins.base import World
 from pipeline.scene.artefacts import (
-    SURFACES, image_camera, plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
+    SURFACES, image_camera, image_size, plugin_from_json, read_camera, read_json, scene_place, write_edges, write_json)
 from pipeline.scene.full_size import write_full_size
 from pipeline.scene.placed import placed
 from pipeline.scene.outdoors import Outdoors, outdoors
 
 
 def run(build: Build) -> None:
+    with ThreadPoolExecutor(1) as beside:
+        # a large photograph takes a while to be read
+        large = build.reduced and read_json(build.input("depth")) is not None
+        reading = beside.submit(read_map, build.full.photograph, image_size(build.full)[::-1]) if large else None
+        _run(build, reading.result if reading else None)
+
+
+def _run(build: Build, read: Callable[[], np.ndarray] | None) -> None:
     camera = read_camera(build)
     view = image_camera(build)
     world = World(camera)
@@ -69,7 +80,7 @@ def run(build: Build) -> None:
                               " farthest depth")
         depth = np.where(missed, depth[~missed].max(), depth)
     if enlarged is not None:
-        write_full_size(build.full, enlarged, open_air, float(depth.max()))
+        write_full_size(build.full, enlarged, open_air, float(depth.max()), read)
     write_map(build.depth, depth.astype(np.float32), {"fog:content": "radial depth", "fog:unit": "m"},
               is_depth=True)
     write_map(build.surfaces, np.stack([face, emitter, region], -1).astype(np.float32), SURFACES)

@@ -6,6 +6,7 @@ A photograph larger than its working size is written at that size, too, into wor
 from __future__ import annotations
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +26,15 @@ def run(build: Build) -> None:
     size = photographs.working_size(photograph.width, photograph.height, settings["working_size"])
     reduced = size != (photograph.width, photograph.height)
     if reduced:
-        write_large(build.photograph, photograph.radiance, PHOTOGRAPH, half=photograph.sample_type == "uint8")
-        write_large(build.clipped, photograph.clipped, CLIPPED, half=True)
         working = replace(build, reduced=True)
         working.images.mkdir(parents=True, exist_ok=True)
-        write_map(working.photograph, photographs.averaged(photograph.radiance, size), PHOTOGRAPH)
-        write_map(working.clipped, (photographs.averaged(photograph.clipped, size) > 0).astype(np.float32), CLIPPED)
+        with ThreadPoolExecutor(1) as beside:
+            written = beside.submit(write_large, build.photograph, photograph.radiance, PHOTOGRAPH,
+                                    half=photograph.sample_type == "uint8")
+            write_map(working.photograph, photographs.averaged(photograph.radiance, size), PHOTOGRAPH)
+            write_map(working.clipped, (photographs.averaged(photograph.clipped, size) > 0).astype(np.float32), CLIPPED)
+            write_large(build.clipped, photograph.clipped, CLIPPED, half=True)
+            written.result()
     else:
         shutil.rmtree(replace(build, reduced=True).images, ignore_errors=True)
         write_map(build.photograph, photograph.radiance, PHOTOGRAPH)

@@ -8,6 +8,7 @@ a photograph larger than its working size are made from images of that size, but
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,10 @@ def run(build: Build) -> None:
     parameters = {part: read_json(build.input(part)) for part in PARTS}
     scene, medium = read_placed(build), read_fog(build)
     images = working(build)
-    radiance, depth = _shrunk(build.photograph, image_size(build)[::-1]), read_map(images.depth)
+    size, unchanged = image_size(build)[::-1], artefacts["plan"]["fog_is_clear"] and not parameters["composite"]["exposure"]
+    with ThreadPoolExecutor() as pool:
+        read = [pool.submit(_shrunk, path, size) for path in (build.photograph, *(() if unchanged else (build.foggy(".exr"),)))]
+    (radiance, foggy), depth = (read[0].result(), read[-1].result()), read_map(images.depth)
 
     exposure = display_exposure(radiance) if artefacts["facts"]["suffix"] in FLOAT_KINDS else 1.0
     air = open_air(artefacts["geometry"], parameters, read_map(images.surfaces))
@@ -70,7 +74,7 @@ def run(build: Build) -> None:
         print(f"  note: {one['text']}", file=sys.stderr, flush=True)
 
     told = notices(artefacts) + shortcomings(planned) + [{"stage": "render", "text": text} for text in manifest["povray_warnings"]]
-    pictures = _pictures(images, artefacts["plan"], radiance, depth, drawn, exposure)
+    pictures = _pictures(images, artefacts["plan"], radiance, foggy, depth, drawn, exposure)
     text = page(
         build, pictures=pictures, notices=told,
         lights=light_rows(artefacts["illumination"], read_json(build.input("gains"))),
@@ -100,15 +104,13 @@ def _key(scene: PlacedScene, air: OpenAir | None, parameters: dict[str, Any]) ->
     return [(name, text) for name, text in KEY.items() if drawn.get(name)]
 
 
-def _pictures(build: Build, plan: dict, radiance: np.ndarray, depth: np.ndarray, drawn: np.ndarray,
+def _pictures(build: Build, plan: dict, radiance: np.ndarray, foggy: np.ndarray, depth: np.ndarray, drawn: np.ndarray,
               exposure: float) -> dict[str, Any]:
     def picture(linear, factor):
         return data_uri(displayed(shrunk(linear), factor))
 
     width, height = image_size(build.full)
     ramp, near, far, logarithmic = depth_picture(depth, read_json(build.geometry).get("sky_depth_m"))
-    unchanged = plan["fog_is_clear"] and not read_json(build.input("composite"))["exposure"]
-    foggy = radiance if unchanged else _shrunk(build.foggy(".exr"), (height, width))
     pictures = {
         "width": width, "height": height, "photograph": picture(radiance, exposure),
         "foggy": picture(foggy, exposure), "depth": data_uri(shrunk(ramp)), "near": near, "far": far,
