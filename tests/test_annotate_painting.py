@@ -6,11 +6,8 @@ import math
 import numpy as np
 import pytest
 import shapely
-from bokeh.document import Document
 
-from pipeline.annotate.page.page import Page
-from pipeline.annotate.page.painting import CRUMB, MOST_POINTS, Area, painted
-from pipeline.annotate.page.studio import Studio
+from pipeline.annotate.page.brush import CRUMB, MOST_POINTS, Area, painted
 from pipeline.errors import InputError
 from pipeline.geometry.regions import polygon_mask
 from tests.annotate_fixture import Loop, StillPreview, scenes_with
@@ -88,6 +85,12 @@ def test_an_outline_that_crosses_itself_can_be_painted_on():
 
 @pytest.fixture
 def tab(tmp_path):
+    pytest.importorskip("bokeh", reason="no Bokeh: make setup-annotate installs it")
+    from bokeh.document import Document
+
+    from pipeline.annotate.page.page import Page
+    from pipeline.annotate.page.studio import Studio
+
     studio = Studio(scenes_with(tmp_path, "building"), tmp_path / "build", tmp_path / "own", "building", Loop(), StillPreview)
     desk = studio.desk("building")
     page = Page(desk, Document(), lambda: True)
