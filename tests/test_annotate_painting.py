@@ -78,6 +78,13 @@ def test_a_region_is_one_piece():
     assert left.bounds[0] > 38 and (0.5 * 40) < CRUMB * math.pi * 9.5**2
 
 
+def test_a_small_hole_stays_where_the_brush_does_not_come():
+    holed = painted(SQUARE, [(25, 25)], 2, True, SIZE)
+    wide = painted(holed, [(60, 55)], 14, False, SIZE)
+    assert len(holed.holes) == 1 and shapely.Polygon(wide.holes[0]).equals(shapely.Polygon(holed.holes[0]))
+    assert not painted(holed, [(25, 28)], 14, False, SIZE).holes
+
+
 def test_an_outline_that_crosses_itself_can_be_painted_on():
     crossed = Area([[20, 20], [60, 60], [60, 20], [20, 60]], [])
     assert shape(painted(crossed, [(40, 30), (40, 50)], 8, False, SIZE)).is_valid

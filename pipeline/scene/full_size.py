@@ -29,9 +29,9 @@ FEWEST = 18
 
 
 def write_full_size(build: Build, view: EnlargedView, open_air: Outdoors | None, farthest: float,
-                    read: Callable[[], np.ndarray]) -> None:
+                    read: Callable[[], np.ndarray] | None = None) -> None:
     """Writes depth.exr, surfaces.exr and, in the open air, edges*.exr. farthest [m]: depth past everything; read(): the
-    photograph (H, W, 3), linear, which the open air asks for."""
+    photograph (H, W, 3), linear, for the open air."""
     camera = view.camera
     size = camera.width, camera.height
     if open_air is None:

@@ -267,7 +267,7 @@ document.addEventListener("keydown", (event) => {
   else if (key === "?") $("help").showModal();
   else if ((key === "[" || key === "]") && brushing()) resizeBrush(key === "]" ? 1 : -1);
   else if (key === "[" || key === "]") nextPoint(key === "]" ? 1 : -1);
-  else if (low === "q") send({ do: "brush", value: "add" });
+  else if (low === "q") send({ do: "brush", value: brushing() ? "off" : "add" });
   else if (low === "v") send({ do: "view", value: model.wire.view === "clear" ? "fog" : "clear" });
   else if (key === " ") { held = true; showPicture(); event.preventDefault(); }
   else if (KEYS[low]) { settle(); send(KEYS[low]); event.preventDefault(); }

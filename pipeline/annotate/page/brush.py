@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 MOST_POINTS, MOST_HOLES = 2000, 200
 #: By so much of the brush's radius an outline may leave out what a stroke covers; not less than so many pixels.
 ROUGH, FINEST = 0.04, 0.2
-#: Pieces and holes smaller than this share of the brush's own area are crumbs of a hand that trembles.
+#: Pieces and holes that a stroke leaves, smaller than this share of the brush's own area are crumbs of a hand that trembles.
 CRUMB = 0.15
 #: Corners of a quarter of the brush's circle.
 QUARTER = 6
@@ -57,15 +57,18 @@ def painted(before: Area | None, stroke: list[tuple[float, float]], radius: floa
     if len(pieces) > 1 and pieces[1].area > crumb:
         raise InputError("a region is one piece, and this would make two", remedy="leave a bridge, or cut the other part out as a hole"
                          if erase else "paint on from where it is, or add another region")
-    area, tolerance = _area(pieces[0], crumb), FINEST
+    # small holes that the brush did not touch were meant
+    holes = [one for one in map(shapely.Polygon, pieces[0].interiors) if one.area > crumb or not one.intersects(brush)]
+    largest = sorted(holes, key=lambda one: -one.area)[:MOST_HOLES]
+    whole, tolerance = shapely.Polygon(pieces[0].exterior, [one.exterior for one in largest]), FINEST
+    area = _area(whole)
     while max(map(len, [area.outline, *area.holes])) > MOST_POINTS:
-        area, tolerance = _area(pieces[0].simplify(tolerance), crumb), 1.5 * tolerance
+        area, tolerance = _area(whole.simplify(tolerance)), 1.5 * tolerance
     return area
 
 
-def _area(polygon: shapely.Polygon, crumb: float) -> Area:
-    holes = sorted((one for one in map(shapely.Polygon, polygon.interiors) if one.area > crumb), key=lambda one: -one.area)
-    return Area(_points(polygon.exterior), [_points(one.exterior) for one in holes[:MOST_HOLES]])
+def _area(polygon: shapely.Polygon) -> Area:
+    return Area(_points(polygon.exterior), [_points(one) for one in polygon.interiors])
 
 
 def _points(ring) -> Points:

@@ -38,9 +38,9 @@ class Painting(Drawing):
         super().choose(place)
 
     def on_brush(self, command) -> None:
-        if command.get("value") in MODES:
-            self.brush = command["value"] if self.brush != command["value"] else "off"
-            self.draft = []
+        wanted = command.get("value")
+        if wanted in MODES and (self.paintable or wanted == "off"):
+            self.brush, self.draft = wanted, []
 
     def on_stroke(self, command) -> None:
         """A stroke that ended: points of the photograph and the brush's radius there."""
