@@ -27,7 +27,7 @@ def combined_transmittance(eye: np.ndarray, arriving: Iterable[tuple[np.ndarray,
     More light may reach a surface through fog than did without, for the fog scatters it into shadows: of radiance (H, W, 3),
     which the photograph shows, no more grows than a white surface would throw back. The rest shines itself.
     """
-    above, below = np.zeros(eye.shape), np.zeros(eye.shape)
+    above, below = np.zeros((*eye.shape[:-1], 3)), np.zeros((*eye.shape[:-1], 3))
     for strength, clear, reduced, indirect, indirect_reduced in arriving:
         below += strength * (clear + INDIRECT_SHARE * indirect)
         above += strength * (reduced + INDIRECT_SHARE * indirect_reduced)

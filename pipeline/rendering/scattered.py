@@ -16,7 +16,7 @@ from pipeline.physics import layers
 from pipeline.physics.composition import combined_transmittance
 from pipeline.physics.penumbrae import carried
 from pipeline.physics.upsampling import Enlargement
-from pipeline.plugins.base import Medium
+from pipeline.plugins.base import Light, Medium
 from pipeline.rendering import fineness
 from pipeline.rendering.enclosed import Enclosed
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
@@ -36,8 +36,8 @@ MOST_OFF_MIDDLE = 1e30
 class View:
     """Rays that end at given depths: the whole photograph's, or some of its pixels' once more.
 
-    depth (...) [m], directions, points, normals (..., 3), optical_depth (..., 3). full_depth (H, W) [m]: the
-    depth map that it belongs to; where: the pixels' indices in that, an Ellipsis for all of them.
+    depth (...) [m], directions, points, normals (..., 3), optical_depth (..., 3), of grey fog (..., 1). full_depth (H, W) [m]:
+    the depth map that it belongs to; where: the pixels' indices in that, an Ellipsis for all of them.
     """
 
     full_depth: np.ndarray
@@ -77,20 +77,20 @@ class Scattered:
     """The rendered runs of one fog, read as they are asked for.
 
     mixed: V and T of a pixel that shows two things are those of both; else of the one in front.
+
+    Of grey fog what does not depend on the lights' colours is found in one channel, (..., 1) where (..., 3) is said.
     """
 
     def __init__(self, build: Build, mixed: bool = True):
         self.mixed = mixed
-        self.build, self.scene, self.medium = build, read_placed(build), read_fog(build)
-        if self.medium.longest_step() < np.inf:
-            self.medium = _Remembering(self.medium, self.scene.camera.position)
+        self.build, self.scene, medium = build, read_placed(build), read_fog(build)
+        self._stand_in(medium if medium.longest_step() == np.inf else _Remembering(medium, self.scene.camera.position))
         self.strengths = read_strengths(build)
         plan = read_json(build.plan)
         self.runs = {data["id"]: from_json(data) for data in plan["runs"]}
         self.fineness = fineness.from_json(plan["fineness"])
         size = self.scene.camera.height, self.scene.camera.width
         self.depth = read_map(build.depth, size).astype(float)
-        self.extinction = np.add(*self.medium.coefficients())
         surfaces = read_map(build.surfaces, size)
         self.faces = np.round(surfaces[..., 0]).astype(int)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
@@ -115,6 +115,20 @@ class Scattered:
         if self.edges is not None and self.edges.mixed.any():
             self.behind = self._view(self.edges.behind_depth, np.nonzero(self.edges.mixed))
 
+    def _stand_in(self, medium: Medium) -> None:
+        self.medium = medium
+        grey = all(np.ptp(coefficient) == 0 for coefficient in medium.coefficients())
+        self.channels = slice(0, 1) if grey else slice(None)
+        self.extinction = self._own(np.add(*medium.coefficients()))
+
+    def _own(self, values: np.ndarray) -> np.ndarray:
+        """Those of the channels (..., 3) that the fog tells apart."""
+        return values[..., self.channels]
+
+    def _through(self, path: np.ndarray) -> np.ndarray:
+        """Transmittance (..., 3) of so much (...) [m] of the fog where its relative density is 1."""
+        return np.exp(path[..., None] * -self.extinction)
+
     def _view(self, depth: np.ndarray, where) -> View:
         camera, medium = self.scene.camera, self.medium
         directions = camera.directions(camera.pixel_centres())
@@ -123,7 +137,7 @@ class Scattered:
         points, chosen = points[where], directions[where]
         return View(depth, where, depth[where], chosen, points,
                     normals[where] if normals is not None else -chosen,
-                    medium.optical_depth(camera.position, points))
+                    medium.density_path(camera.position, points)[..., None] * self.extinction)
 
     def beforehand(self, lights: list[str], surviving: bool = True) -> "Scattered":
         """Works out what needs no render, as far as memory allows; `by` and `transmittance` then take it from there.
@@ -199,7 +213,7 @@ class Scattered:
         if not self._has_shadows(light):
             return unoccluded
         part = one.shaded_part(eye)
-        whole = unoccluded if part is one else part.in_scattering(self.medium, eye, view.directions, view.depth)
+        whole = unoccluded if part is one else self._own(part.in_scattering(self.medium, eye, view.directions, view.depth))
         return unoccluded - whole * (1 - self._unshadowed_share(light, view))
 
     def _completed(self, light: str, view: View) -> np.ndarray:
@@ -222,7 +236,7 @@ class Scattered:
         if self.scene.rendered(light):
             return self._unshadowed(light, view)
         eye = self.scene.camera.position
-        known = np.array(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
+        known = self._own(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
         return known * self._surrounded(light, view) if self.enclosed.changes(light) else known
 
     def _surrounded(self, light: str, view: View) -> np.ndarray:
@@ -245,10 +259,10 @@ class Scattered:
         eye, camera, small = self.scene.camera.position, self.scene.camera, self._small_camera()
         one, tolerance = self.scene.lights[light], self.fineness.glow_tolerance
         if not one.smooth or (small.width, small.height) == (camera.width, camera.height):
-            return np.array(one.glow(self.medium, eye, view.directions, view.depth, tolerance))
+            return self._own(one.glow(self.medium, eye, view.directions, view.depth, tolerance))
         if light not in self.glows:
             depth = self._solid_depth(small.width, small.height, view)
-            self.glows[light] = one.glow(self.medium, eye, small.directions(small.pixel_centres()), depth, tolerance)
+            self.glows[light] = self._own(one.glow(self.medium, eye, small.directions(small.pixel_centres()), depth, tolerance))
         return self._resampled(self.glows[light], view)
 
     def _unshadowed_share(self, light: str, view: View) -> np.ndarray:
@@ -265,7 +279,7 @@ class Scattered:
         both = f"{SHADOWS}_{light}"
         if both in self.runs:
             image = self._image(both)
-            return *(np.repeat(image[..., k:k + 1], 3, axis=-1) for k in (0, 1)), self.runs[both].exposure
+            return image[..., :1], image[..., 1:2], self.runs[both].exposure
         shaded, unshaded = (self._image(f"{kind}_{light}") for kind in (SHADED, UNSHADED))
         return shaded, unshaded, self.runs[f"{SHADED}_{light}"].exposure
 
@@ -307,8 +321,8 @@ class Scattered:
             return strength, clear, foggy * eye, clear, foggy * eye
         if not self.scene.rendered(light):
             irradiance, on_the_way = one.arrival(self.medium, view.points, view.normals)
-            clear = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
-            reduced = clear * eye * on_the_way
+            clear = irradiance[..., None] / np.pi
+            reduced = clear * eye * self._own(on_the_way)
             return strength, clear, reduced, clear, reduced
         irradiance, path = one.incident(view.points)
         rendered = f"transmittance_{light}" in self.runs
@@ -316,28 +330,34 @@ class Scattered:
             # by a render it is known better, but where nothing of the light arrives directly
             on_the_way = self._way(light, view)
         elif one.midpoint() is not None:
-            on_the_way = np.exp(-self.medium.optical_depth(one.midpoint(), view.points))
+            on_the_way = self._through(self.medium.density_path(one.midpoint(), view.points))
         else:
             # light that comes by reflection crosses fog about as dense as what lies before the eye
             length = np.linalg.norm(view.points - self.scene.camera.position, axis=-1)
             mean = self.medium.density_path(self.scene.camera.position, view.points) / np.maximum(length, 1e-12)
-            on_the_way = np.exp(-self.extinction * (mean * path)[..., None])
-        indirect = np.broadcast_to(irradiance[..., None] / np.pi, eye.shape)
+            on_the_way = self._through(mean * path)
+        indirect = irradiance[..., None] / np.pi
         basis, exposure = self._clear(light)
         basis = basis[view.where]
-        clear = basis / exposure
-        entry = np.exp(-self.extinction * one.entry_path(view.points, self.medium)[..., None])
-        if not rendered:
-            return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
-        if not self._is_full_size(f"transmittance_{light}"):
-            on_the_way = np.clip(on_the_way * self._rendered_off(light, view), 0, 1)
-            return strength, clear, clear * eye * on_the_way * entry, indirect, indirect * eye * on_the_way
+        clear, entry = basis / exposure, self._entry(one, view, basis)
+        if not rendered or not self._is_full_size(f"transmittance_{light}"):
+            if rendered:
+                on_the_way = np.clip(on_the_way * self._rendered_off(light, view), 0, 1)
+            both_ways = eye * on_the_way
+            return strength, clear, clear * both_ways * entry, indirect, indirect * both_ways
         fogged = self._image(f"transmittance_{light}")[view.where]
         reduced = np.minimum(fogged / self.runs[f"transmittance_{light}"].exposure, clear) * entry
         digits = (fogged > FEWEST_DIGITS) & (basis > FEWEST_DIGITS)
         off_middle = self._off_middle(reduced, clear * eye * on_the_way, digits, view)
         return (strength, clear, np.where(digits, reduced, clear * eye * on_the_way * off_middle), indirect,
                 indirect * eye * on_the_way * off_middle)
+
+    def _entry(self, light: Light, view: View, basis: np.ndarray) -> np.ndarray:
+        """Transmittance (..., 3) on the way before the one that renders count, where anything arrives."""
+        lit = basis.any(-1)
+        path = np.zeros(lit.shape)
+        path[lit] = light.entry_path(view.points[lit], self.medium)
+        return self._through(path)
 
     def _rendered_off(self, light: str, view: View) -> np.ndarray:
         """By what renders smaller than the photograph say that fog dims the light differently (..., 3) than on its mean way:
@@ -369,12 +389,12 @@ class Scattered:
         """Transmittance (..., 3) of the light's way to the surfaces, by an integral over its area: as smooth as glow."""
         one, step, eye = self.scene.lights[light], self.fineness.transmittance_step, self.scene.camera.position
         if one.midpoint() is None:
-            return one.way_transmittance(self.medium, view.points, view.normals, step)
+            return self._own(one.way_transmittance(self.medium, view.points, view.normals, step))
         if light not in self.ways:
             camera = self._small_camera()
             directions = camera.directions(camera.pixel_centres())
             points = eye + self._solid_depth(camera.width, camera.height, view)[..., None] * directions
-            self.ways[light] = one.way_transmittance(self.medium, points, surface_normals(points, eye), step)
+            self.ways[light] = self._own(one.way_transmittance(self.medium, points, surface_normals(points, eye), step))
         return self._resampled(self.ways[light], view)
 
     def _small_camera(self) -> Camera:
@@ -397,9 +417,15 @@ class Scattered:
         fog has."""
         finer = f"clear_{light}"
         if finer in self.runs and self._is_full_size(finer):
-            return self._image(finer), self.runs[finer].exposure
-        image = read_map(self.build.basis / f"irradiance_{light}.exr").astype(float)
+            return _least_channels(self._image(finer)), self.runs[finer].exposure
+        image = _least_channels(read_map(self.build.basis / f"irradiance_{light}.exr")).astype(float)
         return image, read_json(self.build.basis / "runs.json")[f"irradiance_{light}"]["exposure"]
 
     def _image(self, run: str) -> np.ndarray:
         return read_map(self.build.runs / f"{run}.exr").astype(float)
+
+
+def _least_channels(image: np.ndarray) -> np.ndarray:
+    """(H, W, 3), or (H, W, 1) where it is grey."""
+    grey = all(np.array_equal(image[..., 0], image[..., k]) for k in (1, 2))
+    return np.ascontiguousarray(image[..., :1]) if grey else image

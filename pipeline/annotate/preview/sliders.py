@@ -77,7 +77,7 @@ class _Kept(Scattered):
 
     def in_fog(self, medium: Medium) -> _Kept:
         other = copy.copy(self)
-        other.medium, other.extinction = medium, np.add(*medium.coefficients())
+        other._stand_in(medium)
         other.fineness = replace(self.fineness, **COARSE_GLOW)
         other.enclosed, other.factors, other.reflections = self.enclosed.in_fog(medium), {}, {}
         other.glows, other.ways, other.rendered_offs, other.known, other.runs = {}, {}, {}, {}, {}
@@ -259,7 +259,8 @@ class _Node:
             way = (reduced + INDIRECT_SHARE * reduced_indirect) / ((clear + INDIRECT_SHARE * indirect) * eye)
         way = np.where(np.isfinite(way), np.clip(way, LEAST_WAY, MOST_WAY), 1)
         extinction, scattering = np.maximum(kept.extinction, 1e-30), np.maximum(kept.medium.coefficients()[1], 1e-30)
-        return cls((-np.log(way) / extinction).astype(np.float32),
+        path = (-np.log(way) / extinction).astype(np.float32)
+        return cls(np.repeat(path, 3, -1) if path.shape[-1] == 1 else path,
                    np.log(np.maximum(glow / scattering, 1e-30)).astype(np.float32))
 
     def beside(self, rough: _Node, own: _Node) -> _Node:
