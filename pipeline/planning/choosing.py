@@ -28,9 +28,8 @@ FINEST = Fineness(**{knob: levels[-1] for group in GROUPS for knob, levels in gr
 MARGIN = 0.8
 #: Optical depths between two samples; their double from a tolerance of COARSE on. A midpoint rule is off by h^2/24.
 OPTICAL_STEP, COARSE = 1 / 3, 0.03
-#: T and V are products too, held to the same relative error as the picture; but below FINE_MAPS, where theirs costs most of
-#: the time and shows in no picture, they may be up to so many times as far off.
-MOST_OF_MAPS, FINE_MAPS = 2.0, 0.01
+#: T and V are products too, if not what a tolerance is asked for: each may be off by so many times as much as the picture.
+MOST_OF_MAPS = 3.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
             enough, wanted = np.full(len(seconds), True), (seconds, error)
     else:
         of_t = np.add.outer(np.zeros([len(one) for one in fronts[:-1]]), [one[1] for one in fronts[-1]]).ravel() - finest[1]
-        of_maps = max(tolerance, min(MOST_OF_MAPS * tolerance, FINE_MAPS))
+        of_maps = MOST_OF_MAPS * tolerance
         enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, of_maps * demand.share())
                   & _within(of_t, of_maps * demand.surfaces))
         wanted = seconds, error
