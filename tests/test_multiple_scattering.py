@@ -12,6 +12,8 @@ import pytest
 
 from pipeline.imaging.maps import read_map, write_map
 from pipeline.paths import Build
+from pipeline.planning.accuracy import relative_error
+from pipeline.scene.artefacts import read_json
 from tests.reference.path_tracer import SHARES, Fog, trace
 from tests.test_light_transport import DESCRIBED, run
 from tests.test_path_tracer import closed_room
@@ -19,7 +21,7 @@ from tests.test_path_tracer import closed_room
 REFERENCE = Path(__file__).parent / "reference" / "multiple_scattering"
 
 
-def foggy(folder, scattering, lights) -> tuple[np.ndarray, np.ndarray]:
+def foggy(folder, scattering, lights, render=None) -> tuple[np.ndarray, np.ndarray]:
     """The foggy photograph (H, W, 3) of the reference's clear one, and where it shows no lamp."""
     build = Build("room", None, folder / "scenes", folder / "build")
     build.source.mkdir(parents=True)
@@ -28,6 +30,7 @@ def foggy(folder, scattering, lights) -> tuple[np.ndarray, np.ndarray]:
         "photograph": {"file": "photograph.exr"},
         "camera": {"position": [0.03, 1.43, 1.3], "look_at": [0.02, 1.1, -2], "horizontal_field_of_view": 65},
         "shapes": {"room": {"type": "room", "lower": [-1.5, 0, -3], "upper": [1.5, 2.4, 1.6]}}, "lights": lights,
+        "render": render or {},
         "fog": {"type": "homogeneous", "absorption_coefficient": [0, 0, 0], "scattering_coefficient": [scattering] * 3,
                 "phase_function": {"type": "isotropic"}}}))
     run(build)
@@ -50,6 +53,21 @@ def test_ambient_light_stands_for_what_single_scattering_leaves_out(tmp_path, sc
     assert np.sqrt((off**2).mean()) < 0.03 and np.abs(off).max() < 0.07
     papers, _ = foggy(tmp_path / "without", scattering, {"lamp": LAMP})
     assert np.median(papers[surface] / true[surface]) < 0.75, "without it fog only darkens a room"
+
+
+def test_fewer_directions_in_a_room_know_the_same_light_less_well(tmp_path):
+    """By less the more there are, as a plan expects; and the estimate counts what its pixels cannot tell."""
+    lights, off, told = {"lamp": LAMP, "reflected": {"type": "ambient"}}, [], []
+    pictures = {}
+    for count in (128, 64, 32):
+        pictures[count], surface = foggy(tmp_path / str(count), 0.3, lights, {"room_directions": count})
+        build = Build("room", None, tmp_path / str(count) / "scenes", tmp_path / str(count) / "build")
+        expected, estimate = read_json(build.plan)["expected"], read_json(build.maps)["estimated_error"]
+        assert estimate["shared"] == expected["relative_error_by"]["room_directions"] <= estimate["relative_error"]
+        told.append(estimate["shared"])
+        off.append(relative_error(pictures[count][surface], pictures[128][surface]))
+    assert told[0] == 0 < told[1] < told[2] and 0 < off[1] < off[2] < 0.05
+    assert off[1] < 2 * told[1] and off[2] < 2 * told[2]
 
 
 def test_what_surfaces_send_and_what_fog_scatters_again(tmp_path):

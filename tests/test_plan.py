@@ -16,9 +16,9 @@ from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, PROJECT
 from pipeline.planning import trial
 from pipeline.planning.accuracy import error_estimate, relative_error
-from pipeline.planning.choosing import FINEST, TOLERANCE, choose
+from pipeline.planning.choosing import FINEST, MOST_OF_MAPS, TOLERANCE, choose
 from pipeline.planning.demands import GLOW, SHAFT, Demands, LightDemand
-from pipeline.planning.model import CARRIED, calibration, error_of, seconds_of
+from pipeline.planning.model import CARRIED, calibration, error_of, errors_of, seconds_of
 from pipeline.rendering import own_templates
 from pipeline.rendering.emit import Templates
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
@@ -89,6 +89,20 @@ def test_the_model_says_more_time_and_less_error_for_each_finer_knob():
         fine = replace(coarse, **{knob: finer})
         assert seconds_of(both, fine, CONSTANTS) > seconds_of(both, coarse, CONSTANTS), knob
         assert error_of(both, fine, CONSTANTS) < error_of(both, coarse, CONSTANTS), knob
+    coarse, fine, reflecting = (*(Fineness(room_directions=count) for count in (32, 128)), replace(both, reflecting=0.6))
+    assert seconds_of(reflecting, fine, CONSTANTS) > seconds_of(reflecting, coarse, CONSTANTS)
+    assert error_of(reflecting, fine, CONSTANTS) < error_of(reflecting, coarse, CONSTANTS)
+    assert error_of(both, fine, CONSTANTS) == error_of(both, coarse, CONSTANTS), "it concerns rooms alone"
+
+
+def test_t_and_v_may_be_off_by_three_times_the_pictures_tolerance():
+    """A V that is small in the picture is not made for nothing, nor left as it comes."""
+    faint = room(lamp(share=0.01))
+    found = choose(faint, {**SETTINGS, "tolerance": 0.01}, CONSTANTS)
+    by = errors_of(faint, found.fineness, CONSTANTS)
+    of_v = np.sqrt(sum(value**2 for knob, value in by.items() if knob != "transmittance")) / faint.share()
+    assert MOST_OF_MAPS * 0.01 / 3 < of_v <= MOST_OF_MAPS * 0.01
+    assert by["transmittance"] <= MOST_OF_MAPS * 0.01 * faint.surfaces
 
 
 def test_a_calibration_of_this_machine_outweighs_the_carried_one(tmp_path):
@@ -133,6 +147,8 @@ def test_an_estimate_bounds_the_error_of_pictures_like_its_pixels():
         found = error_estimate(np.ones((64, 3)), (v, v * (1 + off)), (v, v), np.ones(64))
         met += found["at_most"] >= 0.005  # of the picture, half of which is V
     assert met >= 180
+    shared = error_estimate(np.ones((64, 3)), (v, v), (v, v), np.ones(64), 0.01)
+    assert (shared["relative_error"], shared["at_most"], shared["shared"]) == (0.01, 0.01, 0.01)
 
 
 def test_converged_pixels_tell_the_error_of_the_whole_picture(tmp_path):

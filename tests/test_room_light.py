@@ -146,6 +146,16 @@ def test_lamps_throw_nothing_back(closed):
     assert (room.within.radiance[below, up] == 0).all(-1).any()
 
 
+def test_fewer_directions_stand_for_the_whole_sphere(closed):
+    (view, _), _, _ = closed
+    few = view.fewer(len(view.directions) // 2)
+    assert len(few.directions) == len(view.directions) // 2 == few.face.shape[-1] == few.radiance.shape[-2]
+    assert few.solid_angles.sum() == pytest.approx(view.solid_angles.sum(), rel=1e-12)
+    # they lie as evenly: their mean direction is that of the sphere
+    assert np.abs(few.solid_angles @ few.directions).max() < 0.05 * few.solid_angles.sum()
+    assert len(view.fewer(10000).directions) == len(view.directions)
+
+
 # ---- light that is not lost --------------------------------------------------------------------------
 
 @pytest.mark.parametrize("asymmetry", [0.0, 0.6])

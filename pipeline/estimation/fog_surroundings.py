@@ -7,7 +7,7 @@ houses fog sees half of the sky, and for the rest the houses; in a room it sees 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,15 @@ class FogSurroundings:
         """Which points (h, w, k) lie in the open."""
         return self.reach[..., 0] >= 0
 
+    def fewer(self, count: int) -> "FogSurroundings":
+        """About so many of the directions at most, each standing for as much more of the sphere."""
+        one = every(len(self.directions), count)
+        solid_angles = self.solid_angles[one]
+        return replace(self, kind=self.kind[..., one], radiance=self.radiance[..., one, :], reach=self.reach[..., one],
+                       face=self.face[..., one], directions=self.directions[one],
+                       solid_angles=solid_angles * (self.solid_angles.sum() / solid_angles.sum()),
+                       seen=None if self.seen is None else self.seen[..., one])
+
     def points(self, camera: Camera) -> np.ndarray:
         """(h, w, k, 3) [m], before the camera that they were found for."""
         small = camera.resized(*self.kind.shape[1::-1])
@@ -67,6 +76,12 @@ class FogSurroundings:
         """Share of the sky that the points see on average."""
         above = self.directions[:, 1] > 0
         return float(((self.kind[..., above] == SKY) @ self.solid_angles[above]).mean() / self.solid_angles[above].sum())
+
+
+def every(stored: int, wanted: int) -> slice:
+    """About `wanted` of `stored` directions that turn by the golden angle from one to the next: evenly among them."""
+    step = max(1, round(stored / wanted))
+    return slice(step // 2, None, step)
 
 
 def about(axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -41,16 +41,19 @@ TAILS = 1.3
 
 
 def error_estimate(radiance: np.ndarray, found: tuple[np.ndarray, np.ndarray], true: tuple[np.ndarray, np.ndarray],
-                   weights: np.ndarray) -> dict[str, float]:
+                   weights: np.ndarray, shared: float = 0.0) -> dict[str, float]:
     """What single pixels say of the whole picture's error.
 
     radiance (n, 3) of the clear photograph; found, true: T and V (n, 3) each; weights (n,): what each pixel stands for.
-    `relative_error` is their own, `at_most` what the whole picture's stays below by a bootstrap of them.
+    shared: what both are off by together, so that the pixels cannot tell it.
+    `relative_error` is their own with that, `at_most` what the whole picture's stays below by a bootstrap of them.
     """
     pictures = [radiance * t + v for t, v in (found, true)]
     random, n = np.random.default_rng(1), len(weights)
     draws = [random.integers(0, n, n) for _ in range(RESAMPLED)]
     errors = [relative_error(pictures[0][one], pictures[1][one], weights[one]) for one in draws]
-    return {"relative_error": relative_error(*pictures, weights), "at_most": TAILS * float(np.quantile(errors, CONFIDENCE)),
+    at_most = TAILS * float(np.quantile(errors, CONFIDENCE))
+    return {"relative_error": float(np.hypot(relative_error(*pictures, weights), shared)),
+            "at_most": float(np.hypot(at_most, shared)), "shared": shared,
             "transmittance": relative_error(found[0], true[0], weights),
             "in_scattering": relative_error(found[1], true[1], weights), "pixels": n}

@@ -22,6 +22,7 @@ from pipeline import chain
 from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
+from pipeline.planning.accuracy import relative_error
 from pipeline.planning.model import FULL_SIZE_MAPS, HALF_SHADOWS, Calibration, concerned, demands_from_json, level_of, seconds_of
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
@@ -40,6 +41,8 @@ FINE = Fineness(in_scattering_size=192, glow_tolerance=0.005, shadow_size=128, s
 LEVELS: dict[str, list[Any]] = {
     "in_scattering_size": [48, 64, 96], "glow_tolerance": [0.1, 0.05, 0.02], "shadow_size": [24, 48, 72],
     "samples": [4, 8, 16], "shadow_lights": [2, 3, 4], "shaft_samples": [6, 12, 24, 48]}
+#: Numbers of directions in a room, which are compared to all.
+ROOM_DIRECTIONS = [32, 64]
 #: Pixels made as finely as it takes, to which all are compared.
 PIXELS = 200
 #: Longer side [pixel] of the photograph that is large.
@@ -53,7 +56,7 @@ LEAST_SHARE = 0.05
 QUANTILE = 0.8
 #: Exponents are fitted, but kept within what a law of its kind may be.
 EXPONENTS = {"in_scattering_size": (-2.0, -1.0), "glow_tolerance": (0.4, 1.0), "shadow_size": (-2.0, -0.7),
-             "samples": (-1.5, -0.8), "transmittance_size": (-1.5, -0.5), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
+             "samples": (-1.5, -0.8), "transmittance_size": (-1.5, -0.5), "room_directions": (-2.0, -0.5), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
 
 
 def calibrate(scenes: Path, builds: Path) -> Path:
@@ -111,13 +114,21 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
                 records.append({"case": case, "knob": knob, "level": level,
                                 "error": one["error"]["transmittance"] * surfaces / max(spread, 1e-12)})
                 told(f"{case}: {knob} {level}: T {one['error']['transmittance']:.2%}")
+        if base["demands"].reflecting:
+            _trial(build, FINE)
+            whole = trial.picture(build, "calibrate")
+            for count in ROOM_DIRECTIONS:
+                _trial(build, replace(FINE, room_directions=count))
+                off = relative_error(trial.picture(build, "calibrate"), whole)
+                records.append({"case": case, "knob": "room_directions", "level": count, "error": off / base["demands"].reflecting})
+                told(f"{case}: room_directions {count}: picture {off:.2%}")
     return records
 
 
 def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
     """Factor and exponent of each knob, and the factor of half-shadows, so that most of what was measured lies below."""
     found = {}
-    for knob in (*LEVELS, "transmittance_size"):
+    for knob in (*LEVELS, "transmittance_size", "room_directions"):
         own = [one for one in records if one["knob"] == knob and one["error"] > 1e-6]
         low, high = EXPONENTS[knob]
         slopes = []
@@ -156,7 +167,7 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
     rays, exponent = _glow(lit)
     constants = {"wait": wait - start, "render": start, "light_sample": sample, "face": face, "shaft_sample": shaft_sample,
                  "surface_light": sample * 1e6, "glow_ray": rays, "glow_ray_exponent": exponent,
-                 **dict.fromkeys(("fixed", "megapixel", "megapixel_of_light", "full_size_map", "room"), 0.0)}
+                 **dict.fromkeys(("fixed", "megapixel", "megapixel_of_light", "full_size_map", "room", "room_direction"), 0.0)}
     # what is left of whole chains, over their megapixels and lights
     left, rows = [], []
     for build in builds:
@@ -167,11 +178,13 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
             known = seconds_of(demand, fineness_from_json(plan["fineness"]),
                                Calibration(constants, {}, os.cpu_count() or 1, ""))
             left.append(sum(taken.values()) - known)
-            rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights), float(demand.reflecting)])
+            in_room = demand.reflecting > 0
+            rows.append([1.0, demand.megapixels, demand.megapixels * len(demand.lights), float(in_room),
+                         in_room * float(plan["fineness"]["room_directions"])])
     # each counts by its share of what it took, none below nothing
     weights = 1 / np.maximum(left, 0.3)
     fitted = nnls(np.array(rows) * weights[:, None], np.array(left) * weights)[0]
-    constants |= dict(zip(("fixed", "megapixel", "megapixel_of_light", "room"), map(float, fitted)))
+    constants |= dict(zip(("fixed", "megapixel", "megapixel_of_light", "room", "room_direction"), map(float, fitted)))
     constants["fixed"] += _imports()
     constants["full_size_map"] = _full_size_map(lit)
     return constants

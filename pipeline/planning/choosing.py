@@ -21,6 +21,7 @@ GROUPS: list[dict[str, list[Any]]] = [
     {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48, 72, 96],
      "shadow_lights": [2, 3, 4, 5, 8]},
     {"shaft_samples": [6, 12, 24, 48, 72, 144]},
+    {"room_directions": [32, 64, 128]},
     {"transmittance": [INTEGRATED, AREA], "transmittance_size": [96, 160, 256, 20000]},
 ]
 FINEST = Fineness(**{knob: levels[-1] for group in GROUPS for knob, levels in group.items()})

@@ -52,8 +52,8 @@ class Demands:
     """width, height [pixel]; faces: of all shapes; steps: samples a ray that uneven fog needs, 1 where it is even.
 
     depth: optical depth of the longest ray; surfaces: share of the foggy picture that comes from surfaces through it.
-    full_size [megapixel]: of the photograph, where maps are enlarged to that, else 0. reflecting: whether light of all orders
-    is worked out between a room's surfaces and its fog.
+    full_size [megapixel]: of the photograph, where maps are enlarged to that, else 0. reflecting: share of the foggy picture
+    that light of all orders makes up, between a room's surfaces and its fog; 0 where it is not worked out.
     """
 
     width: int
@@ -64,7 +64,7 @@ class Demands:
     surfaces: float
     lights: list[LightDemand]
     full_size: float = 0.0
-    reflecting: bool = False
+    reflecting: float = 0.0
 
     @property
     def megapixels(self) -> float:
@@ -85,7 +85,8 @@ class Demands:
 def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strengths: dict[str, np.ndarray],
             lights: list[str], shaded: Container[str], by_template: Container[str], steps: int, full_size: float = 0.0,
             reflecting: bool = False) -> Demands:
-    """photograph (H, W, 3), linear; strengths (3,) of each light, lights: those that are made."""
+    """photograph (H, W, 3), linear; strengths (3,) of each light, lights: those that are made; reflecting: whether light of all
+    orders is worked out in a room."""
     points, directions = surface_grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points))
     glows = {name: _glow(scene, medium, name, directions, points)[..., None] * strengths[name] for name in lights}
@@ -102,8 +103,10 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
             getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED, _half_shadow(scene, medium, name, points, dimmed / level),
             _surface_lights(scene, medium, name)))
     depth = float(np.add(*medium.coefficients()).max()) * 2 * scene.extent()
-    return Demands(scene.camera.width, scene.camera.height, len(scene.faces()), steps, depth,
-                   _rms(dimmed / level), found, full_size, reflecting)
+    surfaces = _rms(dimmed / level)
+    from_all_sides = [one.share for one in found if scene.lights[one.name].comes_from == "all"]
+    return Demands(scene.camera.width, scene.camera.height, len(scene.faces()), steps, depth, surfaces, found, full_size,
+                   float(np.linalg.norm([surfaces, *from_all_sides])) if reflecting else 0.0)
 
 
 def _work(scene: PlacedScene, medium: Medium, name: str, shaded: Container[str], by_template: Container[str]) -> str:

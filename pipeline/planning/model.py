@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline import paths
 from pipeline.errors import InputError
+from pipeline.estimation.room_light import DIRECTIONS
 from pipeline.planning.demands import GLOW, RENDERED, SHAFT, SINGLE, Demands, LightDemand
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness
 from pipeline.rendering.runs import glow_size
@@ -23,7 +24,7 @@ from pipeline.rendering.runs import glow_size
 CARRIED = Path(__file__).with_name("calibration.json")
 #: Names of the constants of time [s], each of what its name says: of one core where POV-Ray or an integral works.
 SECONDS = ("wait", "render", "light_sample", "face", "shaft_sample", "surface_light", "glow_ray", "glow_ray_exponent", "fixed",
-           "megapixel", "megapixel_of_light", "full_size_map", "room")
+           "megapixel", "megapixel_of_light", "full_size_map", "room", "room_direction")
 #: Besides V of each light, what is written of a large photograph at its own size: T, V and the foggy photograph.
 FULL_SIZE_MAPS = 3
 #: Ways of making T without a render, in the order of their factors.
@@ -65,7 +66,7 @@ def calibration(builds: Path | None = None) -> Calibration:
 def seconds_of(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
     """Wall time [s] from the plan to the foggy photograph."""
     c = constants.seconds
-    total, in_povray, renders = c["fixed"] + c["megapixel"] * demand.megapixels + c["room"] * demand.reflecting, 0.0, 0
+    total, in_povray, renders = c["fixed"] + c["megapixel"] * demand.megapixels + _of_a_room(demand, fineness, c), 0.0, 0
     total += c["full_size_map"] * demand.full_size * (len(demand.lights) + FULL_SIZE_MAPS)
     integrated = 0.0
     for light in demand.lights:
@@ -124,7 +125,7 @@ def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> di
     """The same by what makes it."""
     return {
         **{knob: concerned(demand, knob) * _law(constants, knob, level_of(demand, fineness, knob)) for knob in CONCERNS},
-        "transmittance": _half_shadow(demand, fineness, constants)}
+        "transmittance": _half_shadow(demand, fineness, constants), "room_directions": _room(demand, fineness, constants)}
 
 
 def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
@@ -135,6 +136,18 @@ def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) ->
         return 0.0
     # a smaller render blurs half-shadows, by which the ways of a lamp's parts differ
     return demand.half_shadow(INTEGRATED) * _law(constants, "transmittance_size", fineness.transmittance_size)
+
+
+def _of_a_room(demand: Demands, fineness: Fineness, c: dict[str, float]) -> float:
+    """Seconds for light of all orders."""
+    return c["room"] + c["room_direction"] * fineness.room_directions if demand.reflecting else 0.0
+
+
+def _room(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
+    """What it is off by, against all directions that were found of a room."""
+    if fineness.room_directions >= DIRECTIONS:
+        return 0.0
+    return demand.reflecting * _law(constants, "room_directions", fineness.room_directions)
 
 
 def concerned(demand: Demands, knob: str) -> float:

@@ -14,20 +14,20 @@ import numpy as np
 from pipeline.imaging.atomic import replacing
 from pipeline.paths import Build
 from pipeline.planning import trial
-from pipeline.planning.calibrate import FINE, LEVELS, quiet
+from pipeline.planning.calibrate import FINE, LEVELS, ROOM_DIRECTIONS, quiet
 from pipeline.planning.model import calibration, concerned, demands_from_json, error_of, seconds_of
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.scene.artefacts import read_json
 
 #: Levels of the knobs that calibration leaves out.
 FURTHER: dict[str, list[Any]] = {"transmittance": [MIDPOINT, INTEGRATED, AREA], "in_scattering_size": [128],
-                                 "samples": [24], "shadow_lights": [5]}
+                                 "samples": [24], "shadow_lights": [5], "room_directions": ROOM_DIRECTIONS}
 #: Relative errors that plans are asked for.
 TOLERANCES = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002]
 #: What the search tries, apart from the plans.
 SEARCHED: dict[str, list[Any]] = {
     "in_scattering_size": [48, 96, 192], "shadow_size": [24, 48, 96], "samples": [6, 16, 40], "shaft_samples": [8, 24, 96],
-    "transmittance": [INTEGRATED, AREA]}
+    "transmittance": [INTEGRATED, AREA], "room_directions": [32, 64, 128]}
 #: Of all combinations, those that the model holds for the best are tried.
 TRIED = 12
 #: Pixels made as finely as it takes, to which all are compared.
@@ -41,7 +41,7 @@ def tradeoff(build: Build) -> list[dict[str, Any]]:
     rows = []
     demand = demands_from_json(read_json(build.plan)["demands"])
     # a knob of what the scene has not changes nothing
-    had = {"transmittance": demand.half_shadow(MIDPOINT) > 0, **{knob: concerned(demand, knob) > 0 for knob in LEVELS}}
+    had = {"transmittance": demand.half_shadow(MIDPOINT) > 0, "room_directions": demand.reflecting > 0, **{knob: concerned(demand, knob) > 0 for knob in LEVELS}}
     levels = {knob: [*LEVELS.get(knob, []), *FURTHER.get(knob, [])] for knob in {**LEVELS, **FURTHER} if had[knob]}
     first = _measured(build, "knob", "all fine", "", as_json(FINE))
     rows.append(first)
@@ -82,11 +82,10 @@ def _searched(build: Build) -> list[Fineness]:
 def _measured(build: Build, kind: str, knob: str, level: Any, settings: dict[str, Any]) -> dict[str, Any]:
     with quiet():
         seconds = trial.run(build, "tradeoff", {**settings, "checked_pixels": PIXELS})
-    made = trial.of(build, "tradeoff")
-    error = read_json(made.maps)["estimated_error"]
-    expected = read_json(made.plan)["expected"]
+        expected = read_json(trial.of(build, "tradeoff").plan)["expected"]
+        error = trial.measured_error(build, "tradeoff")
     row = {"kind": kind, "knob": knob, "level": level, "seconds": sum(seconds.values()),
-           **{key: (error or {}).get(key, 0.0) for key in ("relative_error", "transmittance", "in_scattering")},
+           **error,
            "expected_seconds": expected["seconds"], "expected_error": expected["relative_error"]}
     print(f"  {kind} {knob} {level}: {row['seconds']:.1f} s, {row['relative_error']:.2%}", file=sys.stderr, flush=True)
     return row

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from pipeline.estimation.fog_surroundings import GROUND, SKY, THING
-from pipeline.estimation.room_light import of_view
+from pipeline.estimation.room_light import DIRECTIONS, VIEW_DIRECTIONS, of_view
 from pipeline.geometry.camera import Camera
 from pipeline.geometry.patches import areas_and_normals
 from pipeline.paths import Build
@@ -35,9 +35,12 @@ class Enclosed:
     the lamps' light again.
     """
 
-    def __init__(self, build: Build, scene: PlacedScene, medium: Medium):
+    def __init__(self, build: Build, scene: PlacedScene, medium: Medium, directions: int):
+        """directions: along which points in a room see, at most."""
         self.scene, self.medium = scene, medium
-        self.around, self.room = read_surroundings(build, scene.camera), read_room(build, scene)
+        self.around, self.room = read_surroundings(build, scene.camera), read_room(build, scene, directions)
+        if self.room is not None:
+            self.around = self.around.fewer(round(directions * VIEW_DIRECTIONS / DIRECTIONS))
         self.lights = read_json(build.illumination)["lights"]
         self.values: dict[str, np.ndarray] = {}
 

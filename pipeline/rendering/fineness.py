@@ -22,7 +22,8 @@ class Fineness:
     shaft_samples: points along a ray inside a shaft, or in the glow of a single lamp, whose shadows nothing blurs.
     optical_step: most optical depths between two of those points; density_steps: most of them where a fog's density
     varies. transmittance: AREA, INTEGRATED or MIDPOINT. transmittance_size: of its renders. transmittance_step: most
-    optical depths that a small part of a lamp may span for T.
+    optical depths that a small part of a lamp may span for T. room_directions: along which points in a room see what
+    light of all orders comes from.
     """
 
     in_scattering_size: int = 256
@@ -36,6 +37,7 @@ class Fineness:
     transmittance: str = AREA
     transmittance_size: int = 20000
     transmittance_step: float = 0.05
+    room_directions: int = 128
 
     def stated(self, settings: dict[str, Any]) -> "Fineness":
         """The same, but as a scene's render settings state it where they do."""

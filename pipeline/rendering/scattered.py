@@ -95,7 +95,7 @@ class Scattered:
         self.faces = np.round(surfaces[..., 0]).astype(int)
         #: the photograph shows a lamp or the open sky there: only the way to the eye counts
         self.without_surface = (surfaces[..., 1] >= 0) | (surfaces[..., 0] < 0)
-        self.enclosed = Enclosed(build, self.scene, self.medium)
+        self.enclosed = Enclosed(build, self.scene, self.medium, self.fineness.room_directions)
         #: at the size at which glow is found: what surroundings make of light from all sides, in front or behind; V without
         #: shadows; and the light's transmittance on its way to surfaces
         self.factors: dict[tuple[str, bool], np.ndarray] = {}

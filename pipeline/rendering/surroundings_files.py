@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.estimation.fog_surroundings import DIRECTIONS, FogSurroundings, about, axis_of, fog_surroundings
+from pipeline.estimation.fog_surroundings import DIRECTIONS, FogSurroundings, about, axis_of, every, fog_surroundings
 from pipeline.estimation.room_light import VIEW_DIRECTIONS, RoomLight, before, room_light, sight, sphere
 from pipeline.estimation.surroundings import Surroundings
 from pipeline.geometry.camera import Camera
@@ -98,7 +98,8 @@ def is_room(build: Build, scene: PlacedScene, lights: Iterable[str]) -> bool:
         scene.lights[name].comes_from == "all" and asks(scene, scene.lights[name], facts["lights"][name]["source"]) for name in lights)
 
 
-def read_room(build: Build, scene: PlacedScene) -> RoomLight | None:
+def read_room(build: Build, scene: PlacedScene, directions: int) -> RoomLight | None:
+    """directions: from each point, about so many of those that were found are taken."""
     facts = (read_json(build.illumination).get("surroundings") or {}).get("room")
     if not facts:
         return None
@@ -108,11 +109,12 @@ def read_room(build: Build, scene: PlacedScene) -> RoomLight | None:
     within = Lattice(places[:count, 0], low, high, np.asarray(facts["cells"]))
     normals = areas_and_normals([corners for _, corners in scene.faces()])[1]
     radiance, (_, reach, face) = read_map(build.room).astype(float), _read_hits(build.room_hits)
-    each = reach.shape[1]
+    each, taken = reach.shape[1], every(reach.shape[1], directions)
 
     def seen(part: slice, points: np.ndarray, directions: np.ndarray):
-        weights = np.full(reach[part].shape, 1 / each)
-        return sight(points, directions, weights, reach[part], radiance[part], face[part], normals, patches)
+        of_part = (slice(part.start, part.stop), taken)
+        weights = np.full(reach[of_part].shape, 1 / reach[of_part].shape[1])
+        return sight(points, directions[:, taken], weights, reach[of_part], radiance[of_part], face[of_part], normals, patches)
 
     return RoomLight(within, seen(slice(count), within.points, np.broadcast_to(sphere(each), (count, each, 3))),
                      patches, seen(slice(count, None), patches.points, before(patches, each)),

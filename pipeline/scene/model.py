@@ -125,12 +125,14 @@ class RenderSettings(Model):
     transmittance_step: Annotated[float, Field(gt=1e-3, le=100)] | None = parameter(
         None, "1", description="optical depth that a small part of a lamp may span for T; smaller is more accurate in"
                                     " half-shadows in dense fog")
+    room_directions: Annotated[int, Field(ge=16, le=128)] | None = parameter(
+        None, "1", description="along which points in a room see what its surfaces throw back, for light of all orders")
     glow: Literal["integrated", "rendered"] = parameter(
         "integrated", description="of area lights: integrated over the area, renders saying what shadows take; or all of it"
                                   " rendered, so that edits of templates/lights/area.inc show in it (always where a"
                                   " template is not as it came)")
     checked_pixels: Annotated[int, Field(ge=0, le=10000)] | None = parameter(
-        None, "1", description="made as finely as it takes, to estimate the error of all: 80 for draft, 160 for normal, 320"
+        None, "1", description="made as finely as it takes, to estimate the error of all: 48 for draft, 160 for normal, 320"
                                " for final quality when left out; 0 for no estimate")
     threads: int | None = parameter(None, "1", ge=1, le=512,
                                     description="POV-Ray's work threads; all cores when left out")

@@ -89,4 +89,6 @@ def checked(build: Build, check: converged.Converged, lights: list[str], transmi
     pixels, true = check.pixels, check.maps(lights)
     found = transmittance[pixels.where].astype(float), total[pixels.where].astype(float)
     radiance = np.maximum(read_map(build.photograph)[pixels.where].astype(float), 0)
-    return error_estimate(radiance, found, true, pixels.weights)
+    # light of all orders in a room is the same for both
+    shared = read_json(build.plan)["expected"]["relative_error_by"]["room_directions"]
+    return error_estimate(radiance, found, true, pixels.weights, shared)
