@@ -29,8 +29,9 @@ FINEST = Fineness(**{knob: levels[-1] for group in GROUPS for knob, levels in gr
 MARGIN = 0.8
 #: Optical depths between two samples; their double from a tolerance of COARSE on. A midpoint rule is off by h^2/24.
 OPTICAL_STEP, COARSE = 1 / 3, 0.03
-#: T and V are products too, if not what a tolerance is asked for: each may be off by so many times as much as the picture.
-MOST_OF_MAPS = 3.0
+#: T and V are products too, if not what a tolerance is asked for: each may be off by so many times as much as the picture,
+#: but not by more than SHOWS where less is asked of that: steps in V's shadows would show.
+MOST_OF_MAPS, SHOWS = 3.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def choose(demand: Demands, settings: dict[str, Any], constants: Calibration) ->
             enough, wanted = np.full(len(seconds), True), (seconds, error)
     else:
         of_t = np.add.outer(np.zeros([len(one) for one in fronts[:-1]]), [one[1] for one in fronts[-1]]).ravel() - finest[1]
-        of_maps = MOST_OF_MAPS * tolerance
+        of_maps = max(tolerance, min(MOST_OF_MAPS * tolerance, SHOWS))
         enough = (_within(error, MARGIN * tolerance) & _within(error - of_t, of_maps * demand.share())
                   & _within(of_t, of_maps * demand.surfaces))
         wanted = seconds, error
