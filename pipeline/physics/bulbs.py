@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.physics.bulb_integral import Cone, Lamp, smooth_part
+from pipeline.side_by_side import side_by_side
 
 #: Gauss-Legendre nodes of each piece of a ray of the coarse grid.
 NODES_COARSE = 6
@@ -50,27 +51,33 @@ def bulbs(medium: Any, eye: np.ndarray, directions: np.ndarray, depth: np.ndarra
     """
     seen = np.flatnonzero(visible(medium, eye, positions) & (np.asarray(weights) > 0))
     if np.ndim(depth) != 2 or np.size(depth) < FEW_RAYS:
-        return sum((weights[i] * bulb(medium, eye, directions, depth, positions[i], radius) for i in seen),
-                   np.zeros((*np.shape(depth), 3)))
+        each = side_by_side(lambda i: weights[i] * bulb(medium, eye, directions, depth, positions[i], radius), seen)
+        return sum(each, np.zeros((*np.shape(depth), 3)))
     grid = _grid_of(directions, depth, medium)
     rays, ends = grid.directions, grid.depth
     several = any(np.ptp(one) > 0 for one in medium.coefficients())
     kept = 3 if several else 1
     coarse, fine = np.zeros((len(ends), kept)), np.zeros((*depth.shape, kept))
-    for i in seen:
+
+    def of(i: int):
+        """V of one lamp on the grid's rays, and what it is more than that near the lamp, where that is in the picture."""
         position = np.asarray(positions[i], float)
         smooth, width = smooth_part(medium, eye, rays, ends, Lamp(position, radius), NODES_COARSE)
         smooth = weights[i] * smooth[:, :kept]
-        coarse += smooth / width[:, None]
         near = grid.around(position - eye, FINE)
+        if near is None:
+            return smooth / width[:, None], None, None
+        foot = directions[near] @ (position - eye)
+        width_near = np.sqrt(np.maximum(((position - eye) ** 2).sum() - foot**2, 0) + radius**2)
+        one = grid.enlarged(smooth, near) / width_near[..., None]
+        core = _core(near, grid.around(position - eye, EXACT))
+        one[core] = weights[i] * bulb(medium, eye, directions[near][core], depth[near][core], position, radius)[..., :kept]
+        return smooth / width[:, None], near, one - grid.enlarged(smooth / width[:, None], near)
+
+    for far, near, more in side_by_side(of, seen):
+        coarse += far
         if near is not None:
-            foot = directions[near] @ (position - eye)
-            width_near = np.sqrt(np.maximum(((position - eye) ** 2).sum() - foot**2, 0) + radius**2)
-            one = grid.enlarged(smooth, near) / width_near[..., None]
-            core = _core(near, grid.around(position - eye, EXACT))
-            one[core] = weights[i] * bulb(medium, eye, directions[near][core], depth[near][core], position,
-                                          radius)[..., :kept]
-            fine[near] += one - grid.enlarged(smooth / width[:, None], near)
+            fine[near] += more
     return np.broadcast_to(fine + grid.enlarged(coarse, ...), (*depth.shape, 3))
 
 

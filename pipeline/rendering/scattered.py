@@ -26,6 +26,8 @@ from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_place
 FEWEST_DIGITS = 6e-4
 #: Share of the strongest V without shadows below which a ratio of two half floats says nothing.
 LEAST_UNSHADED = 1e-5
+#: So many times fewer rays than a photograph's pixels take as long for a lamp, where each is integrated by itself.
+GRID_SAVES = 32
 #: Bytes of maps that are worked out while POV-Ray renders.
 MOST_BEFOREHAND = 256_000_000
 #: Of the densest fog's light the way from the middle has nothing left; no quotient of the two may be infinite.
@@ -166,11 +168,11 @@ class Scattered:
 
     def by(self, light: str) -> np.ndarray:
         """In-scattering V of one light at its strength, (H, W, 3)."""
-        total = self._by(light, self.front)
+        total = self.strengths[light] * self._by(light, self.front)
         if self.mixed and self.behind is not None:
             where, alpha = self.behind.where, self.edges.alpha[self.behind.where][..., None]
-            total[where] = alpha * total[where] + (1 - alpha) * self._by(light, self.behind)
-        return self.strengths[light] * total
+            total[where] = alpha * total[where] + (1 - alpha) * self.behind_by(light)
+        return total
 
     def transmittance(self, lights: list[str]) -> np.ndarray:
         """T of the light that these lights together reflect from each surface, (H, W, 3)."""
@@ -235,9 +237,16 @@ class Scattered:
         """V (..., 3) at unit strength as nothing stood in the light's way."""
         if self.scene.rendered(light):
             return self._unshadowed(light, view)
-        eye = self.scene.camera.position
-        known = self._own(self.scene.lights[light].in_scattering(self.medium, eye, view.directions, view.depth))
+        known = self._own(self._closed(self.scene.lights[light], view))
         return known * self._surrounded(light, view) if self.enclosed.changes(light) else known
+
+    def _closed(self, light: Light, view: View) -> np.ndarray:
+        camera = self.scene.camera
+        if view is self.behind and len(light.bulbs()[0]) and GRID_SAVES * view.depth.size > view.full_depth.size:
+            # over a whole photograph lamps are summed on few rays
+            directions = camera.directions(camera.pixel_centres())
+            return light.in_scattering(self.medium, camera.position, directions, view.full_depth)[view.where]
+        return light.in_scattering(self.medium, camera.position, view.directions, view.depth)
 
     def _surrounded(self, light: str, view: View) -> np.ndarray:
         """Factor (..., 3) of a light from all sides, for what stands round the fog."""
