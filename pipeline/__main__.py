@@ -1,10 +1,14 @@
 """`python -m pipeline`."""
 
 import ctypes
+import os
 import signal
 import sys
 
-from pipeline.cli import main
+# strips are worked out side by side; threads of the matrix library's own beside them only wait for one another. It reads this once
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from pipeline.cli import main  # noqa: E402
 
 #: glibc's names for what `_keep_freed_memory` sets (malloc.h), and how much is kept [byte].
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +24,7 @@ from pipeline.plugins.base import Light, Medium
 from pipeline.rendering import fineness
 from pipeline.rendering.enclosed import Enclosed
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
+from pipeline.side_by_side import side_by_side
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
@@ -146,18 +151,24 @@ class Scattered:
 
         surviving: T as well, where none of it is rendered.
         """
+        work: list[tuple[Any, Callable[[], np.ndarray]]] = []
         if surviving and not any(one.kind in ("transmittance", "irradiance") for one in self.runs.values()):
-            self.known["transmittance"] = self.transmittance(lights)
-        if not self.medium.coefficients()[1].max() > 0:
-            return self
-        for light in lights:
-            for view in (self.front, self.behind):
-                if view is not None and f"in_scattering_{light}" not in self.runs and self._bytes() < MOST_BEFOREHAND:
-                    self.known[light, view is self.front] = self._without_shadows(light, view)
+            work.append(("transmittance", partial(self.transmittance, lights)))
+        if self.medium.coefficients()[1].max() > 0:
+            # T waits for what a room's light of all orders is; so does that light's V
+            for light in sorted(lights, key=self.enclosed.reflects):
+                work += [((light, view is self.front), partial(self._without_shadows, light, view))
+                         for view in (self.front, self.behind) if view is not None and f"in_scattering_{light}" not in self.runs]
+
+        def done(one: tuple[Any, Callable[[], np.ndarray]]) -> None:
+            if self._bytes() < MOST_BEFOREHAND:
+                self.known[one[0]] = one[1]()
+
+        deque(side_by_side(done, work), maxlen=0)
         return self
 
     def _bytes(self) -> int:
-        return sum(values.nbytes for values in self.known.values())
+        return sum(values.nbytes for values in list(self.known.values()))
 
     def single(self, where: tuple[np.ndarray, np.ndarray]) -> View:
         """The view of some pixels alone, rows and columns (n,); mixed ones by what is in front."""

@@ -34,9 +34,11 @@ class Begun:
 def beforehand(build: Build) -> Begun:
     """`run` takes what this works out while POV-Ray renders."""
     begun, lights = _begun(build), read_json(build.plan)["lights"]
-    begun.scattered.beforehand(lights)
-    if begun.check:
-        begun.check.beforehand(lights)
+    with ThreadPoolExecutor(1) as beside:
+        checked = beside.submit(begun.check.beforehand, lights) if begun.check else None
+        begun.scattered.beforehand(lights)
+        if checked:
+            checked.result()
     return begun
 
 
