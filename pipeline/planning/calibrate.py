@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy.optimize import nnls
 
@@ -23,9 +24,11 @@ from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, Build
 from pipeline.planning import trial
 from pipeline.planning.accuracy import relative_error
-from pipeline.planning.model import FULL_SIZE_MAPS, HALF_SHADOWS, Calibration, concerned, demands_from_json, level_of, seconds_of
+from pipeline.planning.model import (
+    FULL_SIZE_MAPS, HALF_SHADOWS, SURROUNDINGS, Calibration, concerned, demands_from_json, level_of, seconds_of)
 from pipeline.rendering import povray
 from pipeline.rendering.emit import Templates, emit
+from pipeline.rendering.enclosed import Enclosed
 from pipeline.rendering.fineness import AREA, INTEGRATED, MIDPOINT, Fineness, as_json
 from pipeline.rendering.fineness import from_json as fineness_from_json
 from pipeline.rendering.runs import fog_runs, from_json
@@ -55,7 +58,7 @@ LEAST_SHARE = 0.05
 #: Share of the measurements that a law is to lie above: a plan that promises too much helps nobody.
 QUANTILE = 0.8
 #: Exponents are fitted, but kept within what a law of its kind may be.
-EXPONENTS = {"in_scattering_size": (-2.0, -1.0), "glow_tolerance": (0.4, 1.0), "shadow_size": (-2.0, -0.7),
+EXPONENTS = {"in_scattering_size": (-2.0, -1.0), SURROUNDINGS: (-2.0, -1.0), "glow_tolerance": (0.4, 1.0), "shadow_size": (-2.0, -0.7),
              "samples": (-1.5, -0.8), "transmittance_size": (-1.5, -0.5), "room_directions": (-2.0, -0.5), "shadow_lights": (-2.0, -0.8), "shaft_samples": (-1.5, -0.8)}
 
 
@@ -95,13 +98,16 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
         case = f"{build.scene}:{build.fog or 'default'}"
         base = _trial(build, FINE)
         for knob, levels in LEVELS.items():
-            share = concerned(base["demands"], knob) / max(base["demands"].share(), 1e-12)
-            if not share > LEAST_SHARE:
+            # of V: by the knob's own law, and by what stands round the fog
+            share, besides = (concerned(base["demands"], knob, law) / max(base["demands"].share(), 1e-12)
+                              for law in (knob, SURROUNDINGS))
+            if not max(share, besides) > LEAST_SHARE:
                 continue
             for level in levels:
                 one = _trial(build, replace(FINE, **{knob: level}))
                 added = _added(one["error"]["in_scattering"], base["error"]["in_scattering"])
-                records.append({"case": case, "knob": knob, "error": added / share,
+                records.append({"case": case, "knob": knob, "added": added, "share": share, "besides": besides,
+                                "error": added / share if share > LEAST_SHARE and not besides else None,
                                 "level": level_of(base["demands"], replace(FINE, **{knob: level}), knob)})
                 told(f"{case}: {knob} {level}: V {added:.2%}")
         if any(one.half_shadow[MIDPOINT] > 0 for one in base["demands"].lights):
@@ -127,24 +133,33 @@ def measured_errors(builds: list[Build], told: Callable[[str], None]) -> list[di
 
 def laws(records: list[dict[str, Any]]) -> dict[str, list[float]]:
     """Factor and exponent of each knob, and the factor of half-shadows, so that most of what was measured lies below."""
-    found = {}
-    for knob in (*LEVELS, "transmittance_size", "room_directions"):
-        own = [one for one in records if one["knob"] == knob and one["error"] > 1e-6]
-        low, high = EXPONENTS[knob]
-        slopes = []
-        for case in {one["case"] for one in own}:
-            points = np.log([(one["level"], one["error"]) for one in own if one["case"] == case])
-            # where fog takes more samples than were asked for, all of these are one level
-            if len(set(points[:, 0])) > 1:
-                slopes.append(np.polyfit(*points.T, 1)[0])
-        exponent = float(np.clip(np.median(slopes), low, high)) if slopes else (low + high) / 2
-        factors = [one["error"] * one["level"] ** -exponent for one in own]
-        found[knob] = [float(np.quantile(factors, QUANTILE)) if factors else 0.0, exponent]
+    found = {knob: _law(knob, [one for one in records if one["knob"] == knob and one["error"]])
+             for knob in (*LEVELS, "transmittance_size", "room_directions")}
+    # what is left where things stand round the fog
+    factor, exponent = found["in_scattering_size"]
+    besides = [{**one, "error": _added(one["added"], one["share"] * factor * one["level"] ** exponent) / one["besides"]}
+               for one in records if one.get("besides", 0) > LEAST_SHARE]
+    found[SURROUNDINGS] = _law(SURROUNDINGS, besides)
     found["half_shadow"] = []
     for way in HALF_SHADOWS:
         factors = [one["error"] for one in records if (one["knob"], one["level"]) == ("half_shadow", way)]
         found["half_shadow"].append(float(np.quantile(factors, QUANTILE)) if factors else 1.0)
     return found
+
+
+def _law(name: str, records: list[dict[str, Any]]) -> list[float]:
+    """Factor and exponent."""
+    own = [one for one in records if one["error"] > 1e-6]
+    low, high = EXPONENTS[name]
+    slopes = []
+    for case in {one["case"] for one in own}:
+        points = np.log([(one["level"], one["error"]) for one in own if one["case"] == case])
+        # where fog takes more samples than were asked for, all of these are one level
+        if len(set(points[:, 0])) > 1:
+            slopes.append(np.polyfit(*points.T, 1)[0])
+    exponent = float(np.clip(np.median(slopes), low, high)) if slopes else (low + high) / 2
+    factors = [one["error"] * one["level"] ** -exponent for one in own]
+    return [float(np.quantile(factors, QUANTILE)) if factors else 0.0, exponent]
 
 
 def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
@@ -166,7 +181,7 @@ def seconds(room: Build, lit: Build, builds: list[Build]) -> dict[str, float]:
     face = slope / sample
     rays, exponent = _glow(lit)
     constants = {"wait": wait - start, "render": start, "light_sample": sample, "face": face, "shaft_sample": shaft_sample,
-                 "surface_light": sample * 1e6, "glow_ray": rays, "glow_ray_exponent": exponent,
+                 "surface_light": sample * 1e6, "glow_ray": rays, "glow_ray_exponent": exponent, "surroundings_ray": _surroundings_ray(room),
                  **dict.fromkeys(("fixed", "megapixel", "megapixel_of_light", "full_size_map", "room", "room_direction"), 0.0)}
     # what is left of whole chains, over their megapixels and lights
     left, rows = [], []
@@ -239,6 +254,20 @@ def _glow(build: Build) -> tuple[float, float]:
         taken.append((tolerance, (time.monotonic() - start) / depth.size))
     exponent, factor = np.polyfit(*np.log(taken).T, 1)
     return float(np.exp(factor)), float(exponent)
+
+
+def _surroundings_ray(build: Build) -> float:
+    """Seconds a ray of what things round the fog make of a light from all sides."""
+    made = trial.of(build, "calibrate")
+    scene, medium = read_placed(made), read_fog(made)
+    around = Enclosed(made, scene, medium, FINE.room_directions)
+    light = next(name for name in scene.lights if around.changes(name))
+    small = scene.camera.resized(96, 96)
+    depth = cv2.resize(read_map(build.depth), (96, 96), interpolation=cv2.INTER_NEAREST).astype(float)
+    around.factor(light, small, small.pixel_centres(), depth)
+    start = time.monotonic()
+    around.factor(light, small, small.pixel_centres(), depth)
+    return (time.monotonic() - start) / depth.size
 
 
 def _full_size_map(build: Build) -> float:

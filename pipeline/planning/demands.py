@@ -27,8 +27,9 @@ class LightDemand:
     """One light: `share` of the foggy picture that its V is (root mean square), and what making it takes.
 
     sub_lights: small lights that it is stated as; side: of their grid. shadows: whether renders tell what they take from
-    V; blurred: whether the edges of one small light's shadow are blurred by others'. half_shadow: what T may be off by for each way of making it, as a share of the picture; surface_lights: small
-    lights by which a render of T is lit, 0 where none is made.
+    V; blurred: whether the edges of one small light's shadow are blurred by others'. half_shadow: what T may be off by for each
+    way of making it, as a share of the picture; surface_lights: small lights by which a render of T is lit, 0 where none is
+    made. surrounded: whether what stands round the fog changes its V.
     """
 
     name: str
@@ -40,6 +41,7 @@ class LightDemand:
     blurred: bool
     half_shadow: dict[str, float]
     surface_lights: int
+    surrounded: bool = False
 
     @property
     def sampled(self) -> bool:
@@ -77,6 +79,10 @@ class Demands:
             blurred is None or (one.sampled and one.blurred == blurred))]
         return float(np.sqrt(sum(one**2 for one in chosen)))
 
+    def surrounded(self) -> float:
+        """Of the foggy picture, what the V of lights is that what stands round the fog changes."""
+        return float(np.linalg.norm([one.share for one in self.lights if one.surrounded]))
+
     def half_shadow(self, way: str) -> float:
         """By how much the ways from the lamps' parts differ, as a share of the picture, where T is made in this way."""
         return float(np.sqrt(sum(one.half_shadow[way] ** 2 for one in self.lights)))
@@ -84,9 +90,9 @@ class Demands:
 
 def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strengths: dict[str, np.ndarray],
             lights: list[str], shaded: Container[str], by_template: Container[str], steps: int, full_size: float = 0.0,
-            reflecting: bool = False) -> Demands:
-    """photograph (H, W, 3), linear; strengths (3,) of each light, lights: those that are made; reflecting: whether light of all
-    orders is worked out in a room."""
+            surrounded: Container[str] = (), reflecting: bool = False) -> Demands:
+    """photograph (H, W, 3), linear; strengths (3,) of each light, lights: those that are made; surrounded: those whose V what
+    stands round the fog changes; reflecting: whether light of all orders is worked out in a room."""
     points, directions = surface_grid(scene)
     eye = np.exp(-medium.optical_depth(scene.camera.position, points))
     glows = {name: _glow(scene, medium, name, directions, points)[..., None] * strengths[name] for name in lights}
@@ -101,7 +107,7 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
         found.append(LightDemand(
             name, _work(scene, medium, name, shaded, by_template), _rms(glows[name] / level), one.sub_light_count(),
             getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED, _half_shadow(scene, medium, name, points, dimmed / level),
-            _surface_lights(scene, medium, name)))
+            _surface_lights(scene, medium, name), name in surrounded))
     depth = float(np.add(*medium.coefficients()).max()) * 2 * scene.extent()
     surfaces = _rms(dimmed / level)
     from_all_sides = [one.share for one in found if scene.lights[one.name].comes_from == "all"]

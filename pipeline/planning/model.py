@@ -24,18 +24,22 @@ from pipeline.rendering.runs import glow_size
 CARRIED = Path(__file__).with_name("calibration.json")
 #: Names of the constants of time [s], each of what its name says: of one core where POV-Ray or an integral works.
 SECONDS = ("wait", "render", "light_sample", "face", "shaft_sample", "surface_light", "glow_ray", "glow_ray_exponent", "fixed",
-           "megapixel", "megapixel_of_light", "full_size_map", "room", "room_direction")
+           "megapixel", "megapixel_of_light", "full_size_map", "room", "room_direction", "surroundings_ray")
 #: Besides V of each light, what is written of a large photograph at its own size: T, V and the foggy photograph.
 FULL_SIZE_MAPS = 3
 #: Ways of making T without a render, in the order of their factors.
 HALF_SHADOWS = (INTEGRATED, MIDPOINT)
 #: So many times as far off are a bulb's samples where all of its V is rendered, and not only what shadows take.
 WHOLE_PEAK = 4.0
-#: Works whose V a knob has a say in, and whether in shadows that are blurred, in others, or in all.
-CONCERNS: dict[str, tuple[tuple[str, ...], bool | None]] = {
-    "in_scattering_size": ((GLOW, RENDERED, SINGLE), None), "glow_tolerance": ((GLOW,), None),
-    "shadow_size": ((GLOW,), True), "samples": ((GLOW, RENDERED), True), "shadow_lights": ((GLOW,), True),
-    "shaft_samples": ((SHAFT, SINGLE, RENDERED), False)}
+#: What the factors of lights from all sides, for what stands round the fog, are off by where they are made small.
+SURROUNDINGS = "surroundings"
+#: Laws of error: by which knob's level, and the works whose V each concerns, in shadows that are blurred, in others, or in all.
+LAWS: list[tuple[str, str, tuple[str, ...], bool | None]] = [
+    ("in_scattering_size", "in_scattering_size", (GLOW, RENDERED), None), (SURROUNDINGS, "in_scattering_size", (), None),
+    ("glow_tolerance", "glow_tolerance", (GLOW,), None), ("shadow_size", "shadow_size", (GLOW, SINGLE), True),
+    # shadows that nothing blurs are rendered as large as a glow
+    ("shadow_size", "in_scattering_size", (SINGLE,), False), ("samples", "samples", (GLOW, RENDERED, SINGLE), True),
+    ("shadow_lights", "shadow_lights", (GLOW,), True), ("shaft_samples", "shaft_samples", (SHAFT, SINGLE, RENDERED), False)]
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,8 @@ def seconds_of(demand: Demands, fineness: Fineness, constants: Calibration) -> f
         in_povray += _render_seconds(demand, light, fineness, c)
         renders += 2 * (light.work in (RENDERED, SHAFT)) + 2 * (light.shadows and light.work in (GLOW, SINGLE))
         total += c["megapixel_of_light"] * demand.megapixels
+        if light.surrounded:
+            integrated += _pixels(demand, fineness.in_scattering_size) * c["surroundings_ray"]
         if light.work == GLOW:
             integrated += _pixels(demand, fineness.in_scattering_size) * _glow_ray(fineness.glow_tolerance, c)
         if fineness.transmittance == AREA and light.surface_lights:
@@ -95,8 +101,9 @@ def _render_seconds(demand: Demands, light: LightDemand, fineness: Fineness, c: 
         lights = light.sub_lights * (side / light.side) ** 2
         return per_sample * _pixels(demand, fineness.shadow_size) * max(fineness.samples, fewest) * lights * through
     if light.work == SINGLE and light.shadows:
-        return per_sample * _pixels(demand, fineness.in_scattering_size) * max(fineness.shaft_samples, fewest
-                                                                               ) * light.sub_lights * through
+        size, samples = ((fineness.shadow_size, fineness.samples) if light.blurred else
+                         (fineness.in_scattering_size, fineness.shaft_samples))
+        return per_sample * _pixels(demand, size) * max(samples, fewest) * light.sub_lights * through
     if light.work == SHAFT:
         return c["shaft_sample"] * demand.megapixels * 1e6 * max(fineness.shaft_samples, fewest)
     if light.work == RENDERED:
@@ -123,9 +130,11 @@ def error_of(demand: Demands, fineness: Fineness, constants: Calibration) -> flo
 
 def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> dict[str, float]:
     """The same by what makes it."""
+    squared = dict.fromkeys((knob for _, knob, _, _ in LAWS), 0.0)
+    for law, knob, works, blurred in LAWS:
+        squared[knob] += (_share(demand, law, works, blurred) * _law(constants, law, level_of(demand, fineness, knob))) ** 2
     return {
-        **{knob: concerned(demand, knob) * _law(constants, knob, level_of(demand, fineness, knob)) for knob in CONCERNS},
-        "transmittance": _half_shadow(demand, fineness, constants), "room_directions": _room(demand, fineness, constants)}
+        **{knob: float(np.sqrt(one)) for knob, one in squared.items()}, "transmittance": _half_shadow(demand, fineness, constants), "room_directions": _room(demand, fineness, constants)}
 
 
 def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
@@ -150,13 +159,20 @@ def _room(demand: Demands, fineness: Fineness, constants: Calibration) -> float:
     return demand.reflecting * _law(constants, "room_directions", fineness.room_directions)
 
 
-def concerned(demand: Demands, knob: str) -> float:
-    """Share of the foggy picture in whose V a knob has a say, times what it weighs there."""
-    if knob == "shaft_samples":
+def concerned(demand: Demands, knob: str, law: str | None = None) -> float:
+    """Share of the foggy picture in whose V a knob has a say, by all laws or by one, times what it weighs there."""
+    return float(np.linalg.norm([_share(demand, name, works, blurred) for name, of, works, blurred in LAWS
+                                 if of == knob and law in (None, name)]))
+
+
+def _share(demand: Demands, law: str, works: tuple[str, ...], blurred: bool | None) -> float:
+    if law == SURROUNDINGS:
+        return demand.surrounded()
+    if law == "shaft_samples":
         # what is rendered whole has its lamp's own peak to follow too
         whole = demand.share(RENDERED, blurred=False)
         return float(np.hypot(demand.share(SHAFT, SINGLE, blurred=False), WHOLE_PEAK * whole))
-    return demand.share(*CONCERNS[knob][0], blurred=CONCERNS[knob][1])
+    return demand.share(*works, blurred=blurred)
 
 
 def _law(constants: Calibration, knob: str, level: float) -> float:

@@ -91,11 +91,17 @@ def read_surroundings(build: Build, camera: Camera) -> FogSurroundings | None:
     return FogSurroundings(distances, kind, radiance, reach, face, *about(axis_of(camera), kind.shape[-1]))
 
 
+def surrounded(build: Build, scene: PlacedScene, lights: Iterable[str]) -> list[str]:
+    """Those of the lights whose V what stands round the fog changes."""
+    facts = read_json(build.illumination)
+    return [name for name in lights
+            if facts.get("surroundings") and asks(scene, scene.lights[name], facts["lights"][name]["source"])]
+
+
 def is_room(build: Build, scene: PlacedScene, lights: Iterable[str]) -> bool:
     """Whether one of the lights is all that a room reflects, which each of its fogs changes."""
-    facts = read_json(build.illumination)
-    return bool((facts.get("surroundings") or {}).get("room")) and any(
-        scene.lights[name].comes_from == "all" and asks(scene, scene.lights[name], facts["lights"][name]["source"]) for name in lights)
+    facts = read_json(build.illumination).get("surroundings") or {}
+    return bool(facts.get("room")) and any(scene.lights[name].comes_from == "all" for name in surrounded(build, scene, lights))
 
 
 def read_room(build: Build, scene: PlacedScene, directions: int) -> RoomLight | None:

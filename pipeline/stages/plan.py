@@ -23,7 +23,7 @@ from pipeline.rendering.fineness import as_json as fineness_json
 from pipeline.rendering.own_templates import rendered_for_their_templates, surfaces_are_ours
 from pipeline.rendering.runs import (FEWEST_BLURRED, MOST_SHADED, SHADED, SHADOWS, as_json, fog_runs, hidden,
                                      shaded_lights, uneven_samples)
-from pipeline.rendering.surroundings_files import is_room
+from pipeline.rendering.surroundings_files import is_room, surrounded
 from pipeline.rendering.work import refuse_too_much
 from pipeline.scene.artefacts import (
     image_size, read_edges, read_fog, read_json, read_placed, read_strengths, scene_place, write_json)
@@ -53,7 +53,8 @@ def run(build: Build) -> None:
         constants = calibration(build.builds)
         wanted = demands(scene, medium, read_map(build.photograph), read_strengths(build), lights, shaded, own,
                          uneven_samples(scene, medium, "in_scattering", Fineness()),
-                         np.prod(image_size(build.full)) / 1e6 if build.reduced else 0.0, is_room(build, scene, lights))
+                         np.prod(image_size(build.full)) / 1e6 if build.reduced else 0.0, surrounded(build, scene, lights),
+                         is_room(build, scene, lights))
         wanted_json = demands_as_json(wanted)
         choice = choose(wanted, settings, constants)
         fineness = choice.fineness
