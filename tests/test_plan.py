@@ -17,7 +17,7 @@ from pipeline.paths import CALIBRATION, PROJECT
 from pipeline.planning import trial
 from pipeline.planning.accuracy import error_estimate, relative_error
 from pipeline.planning.choosing import FINEST, MOST_OF_MAPS, SHOWS, TOLERANCE, choose
-from pipeline.planning.demands import GLOW, SHAFT, Demands, LightDemand
+from pipeline.planning.demands import EXACT, GLOW, SHAFT, SINGLE, Demands, LightDemand
 from pipeline.planning.model import CARRIED, calibration, error_of, errors_of, seconds_of
 from pipeline.rendering import own_templates
 from pipeline.rendering.emit import Templates
@@ -93,6 +93,21 @@ def test_the_model_says_more_time_and_less_error_for_each_finer_knob():
     assert seconds_of(reflecting, fine, CONSTANTS) > seconds_of(reflecting, coarse, CONSTANTS)
     assert error_of(reflecting, fine, CONSTANTS) < error_of(reflecting, coarse, CONSTANTS)
     assert error_of(both, fine, CONSTANTS) == error_of(both, coarse, CONSTANTS), "it concerns rooms alone"
+
+
+def test_the_model_knows_which_render_tells_a_lights_shadows_and_what_stands_round_the_fog():
+    def less(light: LightDemand, knob: str) -> bool:
+        """Whether this knob's level says what the light is off by."""
+        coarse, fine = (error_of(room(light), Fineness(transmittance=AREA, transmittance_size=20000, **{knob: level}), CONSTANTS)
+                        for level in (48, 192))
+        return fine < coarse
+
+    bulb = lamp(work=SINGLE, blurred=False, sub_lights=1, side=1)
+    bulbs, open_sky = replace(bulb, blurred=True, sub_lights=16), lamp(work=EXACT, shadows=False, blurred=False)
+    assert less(bulb, "in_scattering_size") and not less(bulb, "shadow_size")
+    assert less(bulbs, "shadow_size") and not less(bulbs, "in_scattering_size")
+    assert not less(open_sky, "in_scattering_size")
+    assert less(replace(open_sky, surrounded=True), "in_scattering_size")
 
 
 @pytest.mark.parametrize("tolerance, of_maps", [(0.05, 0.05), (0.02, SHOWS), (0.01, SHOWS), (0.005, MOST_OF_MAPS * 0.005)])
