@@ -18,7 +18,8 @@ from pipeline.plugins.base import Medium, Shape
 from pipeline.rendering.emit import Run
 from pipeline.rendering.fineness import INTEGRATED, Fineness
 from pipeline.rendering.runs import fog_runs
-from pipeline.rendering.scattered import Scattered, View
+from pipeline.rendering.scattered import Scattered
+from pipeline.rendering.view import View
 from pipeline.scene.placed import PlacedScene
 
 #: How finely those pixels are made.

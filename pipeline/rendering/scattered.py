@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -24,8 +22,9 @@ from pipeline.plugins.base import Light, Medium
 from pipeline.rendering import fineness
 from pipeline.rendering.enclosed import Enclosed
 from pipeline.rendering.runs import SHADED, SHADOWS, UNSHADED, from_json, glow_size
-from pipeline.side_by_side import side_by_side
+from pipeline.rendering.view import Remembering, View
 from pipeline.scene.artefacts import read_edges, read_fog, read_json, read_placed, read_strengths
+from pipeline.side_by_side import side_by_side
 
 #: Below this a half float of POV-Ray has lost digits; the closed form stands in.
 FEWEST_DIGITS = 6e-4
@@ -39,47 +38,6 @@ MOST_BEFOREHAND = 256_000_000
 MOST_OFF_MIDDLE = 1e30
 
 
-@dataclass(frozen=True)
-class View:
-    """Rays that end at given depths: the whole photograph's, or some of its pixels' once more.
-
-    depth (...) [m], directions, points, normals (..., 3), optical_depth (..., 3), of grey fog (..., 1). full_depth (H, W) [m]:
-    the depth map that it belongs to; where: the pixels' indices in that, an Ellipsis for all of them.
-    """
-
-    full_depth: np.ndarray
-    where: object
-    depth: np.ndarray
-    directions: np.ndarray
-    points: np.ndarray
-    normals: np.ndarray
-    optical_depth: np.ndarray
-
-
-class _Remembering:
-    """The fog, but the integral of its density from the eye along the same rays is worked out once for all lights.
-
-    Where the density stands on a grid that takes minutes, and each light asks for it.
-    """
-
-    def __init__(self, medium: Medium, eye: np.ndarray):
-        self.medium, self.eye, self.known = medium, eye, {}
-
-    def __getattr__(self, name: str):
-        return getattr(self.medium, name)
-
-    def density_path(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
-        if not np.array_equal(origin, self.eye):
-            return self.medium.density_path(origin, points)
-        key = (np.shape(points), hashlib.blake2b(np.ascontiguousarray(points)).digest())
-        if key not in self.known:
-            self.known[key] = self.medium.density_path(origin, points)
-        return self.known[key]
-
-    def optical_depth(self, origin: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return self.density_path(origin, points)[..., None] * np.add(*self.medium.coefficients())
-
-
 class Scattered:
     """The rendered runs of one fog, read as they are asked for.
 
@@ -91,7 +49,7 @@ class Scattered:
     def __init__(self, build: Build, mixed: bool = True):
         self.mixed = mixed
         self.build, self.scene, medium = build, read_placed(build), read_fog(build)
-        self._stand_in(medium if medium.longest_step() == np.inf else _Remembering(medium, self.scene.camera.position))
+        self._stand_in(medium if medium.longest_step() == np.inf else Remembering(medium, self.scene.camera.position))
         self.strengths = read_strengths(build)
         plan = read_json(build.plan)
         self.runs = {data["id"]: from_json(data) for data in plan["runs"]}
