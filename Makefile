@@ -322,7 +322,7 @@ $(O)/runs/done.json: $(call beside,$(patsubst $(O)/pov/%.pov,$(O)/runs/%.exr,$(w
   $(O)/pov/emitted.json pipeline/rendering/povray.py $(call code,render)
 	$(call chain,render)
 $(O)/maps.json: $(call beside,$(O)/$(W)transmittance.exr $(O)/$(W)in_scattering.exr) $(O)/runs/done.json $(O)/inputs/gains.json \
-  $(wildcard $(addprefix pipeline/rendering/,scattered.py converged.py enlarged.py enclosed.py surroundings_files.py) \
+  $(wildcard $(addprefix pipeline/rendering/,scattered.py view.py converged.py enlarged.py enclosed.py surroundings_files.py) \
   $(addprefix pipeline/estimation/,fog_surroundings.py room_light.py) pipeline/planning/accuracy.py) \
   $(call code,decompose,$(geometry) physics)
 	$(call chain,decompose)

@@ -113,8 +113,17 @@ def chosen_knobs(fineness: Fineness, settings: dict[str, Any]) -> list[str]:
 
 def _mixed_or_lamp(build: Build) -> np.ndarray:
     """Pixels (H, W) that show a lamp, or two things at once."""
-    edges, lamp = read_edges(build), read_map(build.surfaces)[..., 1] >= 0
-    return lamp if edges is None else lamp | edges.mixed
+    edges, surfaces = read_edges(build), read_map(build.surfaces)
+    lamp = surfaces[..., 1] >= 0
+    if edges is not None:
+        return lamp | edges.mixed
+    # the middle of a pixel between two faces is a hair's breadth on either
+    face, mixed = surfaces[..., 0], lamp.copy()
+    for axis in (0, 1):
+        differs = np.moveaxis(np.diff(face, axis=axis) != 0, axis, 0)
+        for part in (np.moveaxis(mixed, axis, 0)[:-1], np.moveaxis(mixed, axis, 0)[1:]):
+            part |= differs
+    return mixed
 
 
 def reasons_for(scene: PlacedScene, medium: Medium, lights: list[str], runs: list[Run],
