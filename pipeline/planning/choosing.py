@@ -20,7 +20,7 @@ GROUPS: list[dict[str, list[Any]]] = [
     {"in_scattering_size": [48, 64, 96, 128, 192, 256, 384, 512], "glow_tolerance": [0.1, 0.05, 0.02, 0.005, 0.002]},
     {"shadow_size": [24, 32, 48, 64, 96, 128, 192, 256], "samples": [4, 6, 8, 12, 16, 24, 32, 48, 72, 96],
      "shadow_lights": [2, 3, 4, 5, 8]},
-    {"shaft_samples": [6, 12, 24, 48, 72, 144]},
+    {"shaft_samples": [6, 12, 24, 48, 72, 144, 256]},
     {"room_directions": [32, 64, 128]},
     {"transmittance": [INTEGRATED, AREA], "transmittance_size": [96, 160, 256, 20000]},
 ]
