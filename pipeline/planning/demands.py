@@ -106,7 +106,8 @@ def demands(scene: PlacedScene, medium: Medium, photograph: np.ndarray, strength
             name in shaded or (scene.rendered(name) and scene.dimmed(name)))
         found.append(LightDemand(
             name, _work(scene, medium, name, shaded, by_template), _rms(glows[name] / level), one.sub_light_count(),
-            getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED, _half_shadow(scene, medium, name, points, dimmed / level),
+            getattr(one, "sub_lights", 1), shadows, one.sub_light_count() >= FEWEST_BLURRED,
+            _half_shadow(scene, medium, name, points, dimmed / level),
             _surface_lights(scene, medium, name), name in surrounded))
     depth = float(np.add(*medium.coefficients()).max()) * 2 * scene.extent()
     surfaces = _rms(dimmed / level)

@@ -134,7 +134,8 @@ def errors_of(demand: Demands, fineness: Fineness, constants: Calibration) -> di
     for law, knob, works, blurred in LAWS:
         squared[knob] += (_share(demand, law, works, blurred) * _law(constants, law, level_of(demand, fineness, knob))) ** 2
     return {
-        **{knob: float(np.sqrt(one)) for knob, one in squared.items()}, "transmittance": _half_shadow(demand, fineness, constants), "room_directions": _room(demand, fineness, constants)}
+        **{knob: float(np.sqrt(one)) for knob, one in squared.items()},
+        "transmittance": _half_shadow(demand, fineness, constants), "room_directions": _room(demand, fineness, constants)}
 
 
 def _half_shadow(demand: Demands, fineness: Fineness, constants: Calibration) -> float:

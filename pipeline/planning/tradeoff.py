@@ -41,7 +41,8 @@ def tradeoff(build: Build) -> list[dict[str, Any]]:
     rows = []
     demand = demands_from_json(read_json(build.plan)["demands"])
     # a knob of what the scene has not changes nothing
-    had = {"transmittance": demand.half_shadow(MIDPOINT) > 0, "room_directions": demand.reflecting > 0, **{knob: concerned(demand, knob) > 0 for knob in LEVELS}}
+    had = {"transmittance": demand.half_shadow(MIDPOINT) > 0, "room_directions": demand.reflecting > 0,
+           **{knob: concerned(demand, knob) > 0 for knob in LEVELS}}
     levels = {knob: [*LEVELS.get(knob, []), *FURTHER.get(knob, [])] for knob in {**LEVELS, **FURTHER} if had[knob]}
     first = _measured(build, "knob", "all fine", "", as_json(FINE))
     rows.append(first)
