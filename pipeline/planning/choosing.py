@@ -31,7 +31,7 @@ MARGIN = 0.8
 OPTICAL_STEP, COARSE = 1 / 3, 0.03
 #: T and V are products too, if not what a tolerance is asked for: each may be off by so many times as much as the picture,
 #: but not by more than SHOWS where less is asked of that: steps in V's shadows would show.
-MOST_OF_MAPS, SHOWS = 3.0, 0.02
+MOST_OF_MAPS, SHOWS = 3.0, 0.0125
 
 
 @dataclass(frozen=True)
