@@ -16,6 +16,7 @@ from pipeline.imaging.maps import read_map
 from pipeline.paths import CALIBRATION, PROJECT
 from pipeline.planning import trial
 from pipeline.planning.accuracy import error_estimate, relative_error
+from pipeline.planning.calibrate import laws
 from pipeline.planning.choosing import FINEST, MOST_OF_MAPS, SHOWS, TOLERANCE, choose
 from pipeline.planning.demands import EXACT, GLOW, SHAFT, SINGLE, Demands, LightDemand
 from pipeline.planning.model import CARRIED, calibration, error_of, errors_of, seconds_of
@@ -108,6 +109,40 @@ def test_the_model_knows_which_render_tells_a_lights_shadows_and_what_stands_rou
     assert less(bulbs, "shadow_size") and not less(bulbs, "in_scattering_size")
     assert not less(open_sky, "in_scattering_size")
     assert less(replace(open_sky, surrounded=True), "in_scattering_size")
+
+
+def test_calibration_finds_the_laws_that_measurements_follow():
+    """Of glow from cases without anything round the fog; what the others are off by beyond that is what stands round it."""
+    def law(factor, exponent, level):
+        return factor * level**exponent
+
+    records = []
+    for level in (48, 64, 96):
+        own = law(100.0, -1.8, level)
+        records.append({"case": "open", "knob": "in_scattering_size", "level": level, "added": 0.4 * own, "share": 0.4,
+                        "besides": 0.0, "error": own})
+        both = np.hypot(0.2 * own, 0.9 * law(30.0, -1.5, level))
+        records.append({"case": "room", "knob": "in_scattering_size", "level": level, "added": both, "share": 0.2, "besides": 0.9,
+                        "error": None})
+    for level in (32, 64):
+        records.append({"case": "room", "knob": "room_directions", "level": level, "error": law(2.0, -1.2, level)})
+    for way, off in ((INTEGRATED, 0.2), (MIDPOINT, 0.7)):
+        records.append({"case": "open", "knob": "half_shadow", "level": way, "error": off})
+    found = laws(records)
+    assert found["in_scattering_size"] == pytest.approx([100.0, -1.8])
+    assert found["surroundings"] == pytest.approx([30.0, -1.5]) and found["room_directions"] == pytest.approx([2.0, -1.2])
+    assert found["half_shadow"] == pytest.approx([0.2, 0.7])
+    assert set(found) == set(CONSTANTS.error), "all that the model asks for"
+
+
+def test_no_pixel_that_checks_a_room_lies_where_faces_meet(tmp_path):
+    build = chain(tmp_path, {"area": DESCRIBED["area"]}, box=True, render={"checked_pixels": 400})
+    face = read_map(build.surfaces)[..., 0]
+    rows, columns = np.array(read_json(build.plan)["check"]["pixels"]).T
+    assert len(rows) > 100 and len(np.unique(face[rows, columns])) > 4
+    padded = np.pad(face, 1, mode="edge")
+    for dy, dx in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        assert (padded[rows + dy, columns + dx] == face[rows, columns]).all()
 
 
 @pytest.mark.parametrize("tolerance, of_maps", [(0.05, 0.05), (0.02, 0.02), (0.01, SHOWS), (0.002, MOST_OF_MAPS * 0.002)])

@@ -189,6 +189,8 @@ class Light(Plugin):
     light_source: ClassVar[bool] = True
     #: Whether its glow has no edges but those of depth, so that it may be found small and enlarged.
     smooth: ClassVar[bool] = True
+    #: Whether `in_scattering` over a whole photograph (H, W) integrates along few of its rays.
+    on_few_rays: ClassVar[bool] = False
     #: Which part of the sphere it fills, so that things round the fog may hide it; None for lamps and suns.
     comes_from: ClassVar[Literal["above", "below", "all"] | None] = None
     gain: float = parameter(1.0, "1", ge=0, le=1e6, allow_inf_nan=False,

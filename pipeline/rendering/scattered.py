@@ -49,7 +49,7 @@ class Scattered:
     def __init__(self, build: Build, mixed: bool = True):
         self.mixed = mixed
         self.build, self.scene, medium = build, read_placed(build), read_fog(build)
-        self._stand_in(medium if medium.longest_step() == np.inf else Remembering(medium, self.scene.camera.position))
+        self._take_fog(medium if medium.longest_step() == np.inf else Remembering(medium, self.scene.camera.position))
         self.strengths = read_strengths(build)
         plan = read_json(build.plan)
         self.runs = {data["id"]: from_json(data) for data in plan["runs"]}
@@ -80,7 +80,7 @@ class Scattered:
         if self.edges is not None and self.edges.mixed.any():
             self.behind = self._view(self.edges.behind_depth, np.nonzero(self.edges.mixed))
 
-    def _stand_in(self, medium: Medium) -> None:
+    def _take_fog(self, medium: Medium) -> None:
         self.medium = medium
         grey = all(np.ptp(coefficient) == 0 for coefficient in medium.coefficients())
         self.channels = slice(0, 1) if grey else slice(None)
@@ -211,7 +211,7 @@ class Scattered:
 
     def _closed(self, light: Light, view: View) -> np.ndarray:
         camera = self.scene.camera
-        if view is self.behind and len(light.bulbs()[0]) and GRID_SAVES * view.depth.size > view.full_depth.size:
+        if view is self.behind and light.on_few_rays and GRID_SAVES * view.depth.size > view.full_depth.size:
             # over a whole photograph lamps are summed on few rays
             directions = camera.directions(camera.pixel_centres())
             return light.in_scattering(self.medium, camera.position, directions, view.full_depth)[view.where]

@@ -77,7 +77,7 @@ class _Kept(Scattered):
 
     def in_fog(self, medium: Medium) -> _Kept:
         other = copy.copy(self)
-        other._stand_in(medium)
+        other._take_fog(medium)
         other.fineness = replace(self.fineness, **COARSE_GLOW)
         other.enclosed, other.factors, other.reflections = self.enclosed.in_fog(medium), {}, {}
         other.glows, other.ways, other.rendered_offs, other.known, other.runs = {}, {}, {}, {}, {}

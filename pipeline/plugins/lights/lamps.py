@@ -21,6 +21,7 @@ class Lamps(Light):
 
     type: Literal["lamps"] = "lamps"
     strength_name = "intensity"
+    on_few_rays = True
     rendered = "never"
     positions: Annotated[list[Position], Field(min_length=1, max_length=5000)] = parameter(
         description="where each is")

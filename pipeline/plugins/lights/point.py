@@ -16,6 +16,7 @@ class Point(Light):
 
     type: Literal["point"] = "point"
     strength_name = "intensity"
+    on_few_rays = True
     rendered = "indoors"
     position: Position = parameter(description="where the bulb is")
     intensity: Colour | None = parameter(None, "photo unit * m^2",
